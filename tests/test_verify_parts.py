@@ -139,7 +139,7 @@ def test_near_contact_is_decided(gap):
         A, B = random_solid(rng).place(rotation(rng), ORIGIN), random_solid(rng).place(rotation(rng), ORIGIN)
         away = 5.0 * unit(rng)
         (found,) = proximities([(one(A), one(B.place(STILL, away)))], [False])
-        B = B.place(STILL, away - (found.d - gap) * found.n)
+        B = B.place(STILL, away - (found.d - gap) * found.normals[found.a, found.b])
         result = certificate(A, B)
         assert result.status == (Status.CLEAR if gap > 0 else Status.VIOLATED)
         if gap > 0:

@@ -26,6 +26,7 @@ from verify.bodies import Array, ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities
 from verify.contacts import rod_keeps_out
+from verify.kinematics import Platform
 from verify.parts import FIT, StraightRod
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
@@ -159,11 +160,15 @@ def _mass_note(scene: Scene, rod: Rod) -> str | None:
     share = rod.mass_kg / task.total_mass(task.n)
     if share < 0.05 or task.end_effector.rod_mass == "included":  # smaller shares are negligible
         return None
-    middle = scene.platform.p_e - rod.length_m / 2 * np.array(rod.direction)
-    weight = rod.mass_kg * task.gravity
-    torque = weight * float(np.hypot(middle[0], middle[1]))
+    weight, torque = rod.mass_kg * task.gravity, rod_moment(rod, scene.platform, task.gravity)
     omission = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"
     return f"{omission}: {weight:.3g} N, and {torque:.3g} N m about the centre of mass"
+
+
+def rod_moment(rod: Rod, platform: Platform, gravity: float) -> float:
+    """Return the moment of a rod's weight about the centre of mass [N m]."""
+    x, y, _ = platform.p_e - rod.length_m / 2 * np.array(rod.direction)
+    return clamp(rod.mass_kg * gravity * math.hypot(x, y))
 
 
 def _vector(v: Array) -> Vector:

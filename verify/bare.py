@@ -133,7 +133,7 @@ def _powers(design: Design, platform: Platform, capability: Flight | None) -> It
         shaft_W = clamp(module.torque_coefficient * cubes)
         yield CasePower(
             name=name,
-            ideal_W=clamp(module.ideal_power(1.0, task.air_density) * cubes),
+            ideal_W=clamp(module.ideal_power(task.air_density) * cubes),
             shaft_W=shaft_W,
             figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
             endurance_min=_endurance(task, A, b, u),

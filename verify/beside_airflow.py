@@ -99,26 +99,22 @@ def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
     ]
     certificates = []
     closest = [np.einsum("nij,nkj->nki", R, part.closest) + p[:, None] for part in clearances]
-    columns = [
-        (part.d.tolist(), part.lower.tolist(), part.upper.tolist(), ok.tolist())
-        for part, ok in zip(clearances, proven, strict=True)
-    ]
     for k, pair in enumerate(pairs):
         in_range = pair.body.in_range and pair.against.in_range
         outer = pair.against.outer if in_range else None
         boxes_apart = outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
-        for side, (d, lower, upper, ok) in enumerate(columns):
+        for side, part in enumerate(clearances):
+            d, lower, upper = (float(column[k]) for column in part[:3])
             if not in_range:
-                certificates.append(Certificate(Status.UNDECIDED, None, None, d[k], 0))
-            elif boxes_apart and ok[k]:
-                certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
+                certificates.append(Certificate(Status.UNDECIDED, None, None, d, 0))
+            elif boxes_apart and proven[side][k]:
+                certificates.append(Certificate(Status.CLEAR, lower, upper, d, 0, closest[side][k]))
             else:
-                witness = _Clearances(*(column[k] for column in clearances[side]))
+                witness = _Clearances(*(column[k] for column in part))
                 proof = functools.partial(_proof, checks[k * (ROTORS + 1) + side], witness)
-                proven_upper = None if np.isnan(witness.upper) else float(witness.upper)
                 # a box, the parts' common meshes, then meshes turned towards the witness
-                levels = 2 + len(TURNED_LEVELS)
-                certificates.append(judge(float(witness.d), proven_upper, closest[side][k], proof, levels))
+                levels, proven_upper = 2 + len(TURNED_LEVELS), None if np.isnan(upper) else upper
+                certificates.append(judge(d, proven_upper, closest[side][k], proof, levels))
     return certificates
 
 
@@ -219,7 +215,7 @@ def _ball_bounds(part: Convex, K: ConeSpheres) -> tuple[Array, Array]:
     v = w + eta[:, None] * K.d
     distance = norms(v)
     n = -v / np.where(distance > 0, distance, 1.0)[:, None]
-    return n @ part.centre - part.radius - K.extents(n, 1).max(axis=1), distance - K.radius(eta)
+    return n @ part.centre - part.radius - K.extents(n).max(axis=1), distance - K.radius(eta)
 
 
 def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearances:
@@ -232,7 +228,7 @@ def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearanc
     unit_v = v / np.where(distance > 0, distance, 1.0)[:, None]
     n = np.where(distance[:, None] > 0, unit_v, np.array([0.0, 0.0, 1.0]))
     d = distance - K.radius(eta)
-    plane_gap = -part.supports(-n) - K.extents(n, 1).max(axis=1)
+    plane_gap = -part.supports(-n) - K.extents(n).max(axis=1)
     lower = np.minimum(d, plane_gap)  # equal up to rounding if n is exact
     x_K = P + K.radius(eta)[:, None] * n
     x_inside = _depth(part, x) > -BOUND_ROUNDING

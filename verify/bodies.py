@@ -129,11 +129,11 @@ class ConeSpheres(ConeSphere):
         """Return the rows `index`."""
         return ConeSpheres(self.o[index], self.d[index], self.r[index], self.dr[index])
 
-    def extents(self, u: Array, side: int) -> Array:
-        """Return the largest (side 1) or smallest (side -1) u.x of both end balls, unit u (N, 3), shape (N, 2)."""
+    def extents(self, u: Array) -> Array:
+        """Return the largest u.x of both end balls, unit u (N, 3), shape (N, 2)."""
         first = np.einsum("nx,nx->n", self.o, u)
         last = first + np.einsum("nx,nx->n", self.d, u)
-        return np.stack([first + side * self.r, last + side * (self.r + self.dr)], axis=1)
+        return np.stack([first + self.r, last + (self.r + self.dr)], axis=1)
 
 
 def ball(centre: Array, radius: float) -> ConeSphere:

@@ -134,11 +134,6 @@ class Proximity(NamedTuple):
     relevant: Flags
     """True if the two parts must not touch, shape (parts of A, parts of B)."""
 
-    @property
-    def n(self) -> Array:
-        """Witness normal, from A to B."""
-        return np.asarray(self.normals[self.a, self.b])
-
 
 def proximities(
     pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool], *, measured: bool = True

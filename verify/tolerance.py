@@ -76,7 +76,6 @@ import numpy as np
 
 from topo_search.model import Mount, needs_offset
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.beside_airflow import normals, parts_of
 from verify.bodies import AllowedCone, Array, norms
@@ -163,15 +162,6 @@ class Levers:
         """Return the displacement of the sum of all module centres per angle of each hinge, shape (H, 3)."""
         moves = self.moves[:, :-1].astype(float)
         return np.cross(self.axes, moves @ centres - moves.sum(axis=1, keepdims=True) * self.origins)
-
-
-BETWEEN_MODULES: tuple[Kind, ...] = ("airflow", "separation", "body", "rotor-airflow", "rod-airflow")
-"""Kinds whose side B is a module's."""
-AIRFLOWS: dict[Kind, int] = {
-    "airflow": 2,
-    **dict.fromkeys((*EXPOSURE_KINDS, "rotor-airflow", "rod-airflow", "bracket-airflow"), 1),
-}
-"""Number of sides that are airflow."""
 
 
 PIECES = (0.0, 1 / 8, 1 / 4, 1 / 2, 1.0)
@@ -321,15 +311,17 @@ class Tolerance:
         kind, a, b, rod = check.kind, check.a, check.b, (self._holder, self._tip)
         if kind in ("bracket-airflow", "bracket-rotor"):
             return (b,), (self.scene.design.topology.parents[a], a)
-        between = (b,) if kind in BETWEEN_MODULES else (self._tip,)
-        return rod if kind in ("rod-airflow", "rod-region") else (a,), rod if kind == "rod" else between
+        beside = b if kind in ("airflow", "separation", "body", "rotor-airflow", "rod-airflow") else self._tip
+        return rod if kind in ("rod-airflow", "rod-region") else (a,), rod if kind == "rod" else (beside,)
 
     def _table(self, checks: Sequence[AnyCheck], rows: Sequence[Row]) -> _Table:
         """Return the table of rows and their checks."""
         carriers = [(*A, *B) for A, B in map(self._carriers, checks)]
         shared = np.array([self._levers.moves[:, modules].all(axis=1) for modules in carriers])
         A, B = (_Points.of(sides, shared, self._levers) for sides in zip(*rows, strict=True))
-        return _Table(A, B, np.array([AIRFLOWS.get(check.kind, 0) for check in checks]), shared)
+        kinds = [check.kind for check in checks]
+        airflows = [(kind == "airflow") + kind.endswith("airflow") + (kind in EXPOSURE_KINDS) for kind in kinds]
+        return _Table(A, B, np.array(airflows), shared)
 
     def _plain_table(self, checks: Sequence[tuple[AnyCheck, Certificate]]) -> _Table:
         """Return the table of bounds without n: the clearance less the lengths of all displacements."""

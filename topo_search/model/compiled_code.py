@@ -107,7 +107,7 @@ def is_cached(dispatcher: Any) -> bool:
     return any(target == machine for _, target, _ in dispatcher._cache._cache_file._load_index())
 
 
-def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
+def refresh(dispatcher: Any, room: Path, *others: Path) -> None:
     """Delete the cached functions of a source folder unless they are up to date.
 
     Must be called before the first of the functions. At worst, concurrent processes delete each other's new files
@@ -117,9 +117,6 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
         dispatcher: one of the functions; it knows the cache folder.
         room: folder of the sources.
         others: further files or folders that the functions call or take constants from.
-
-    Returns:
-        True if the cache was up to date.
     """
     sources = sorted(room.glob("*.py"))
     called = [path for other in others for path in (sorted(other.glob("*.py")) if other.is_dir() else [other])]
@@ -128,7 +125,7 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
     folder = Path(dispatcher.stats.cache_path)
     mark = folder / f"{room.name}.sha256"
     if mark.exists() and mark.read_bytes() == digest:
-        return True
+        return
     for source in sources:
         for cached in folder.glob(f"{source.stem}.*.nb[ci]"):
             cached.unlink(missing_ok=True)
@@ -136,4 +133,3 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
     partial = folder / f"{room.name}.{os.getpid()}.partial"
     partial.write_bytes(digest)
     partial.replace(mark)
-    return False

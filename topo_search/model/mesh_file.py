@@ -34,7 +34,6 @@ from topo_search.model.value import (
     refuse,
     show,
     to_printable,
-    with_file_name,
 )
 
 Triangles = NDArray[np.intp]
@@ -108,7 +107,7 @@ def take_mesh(
     name = fields["mesh"]
 
     def refuse_mesh(text: str) -> Never:
-        refuse(("mesh", with_file_name(text, name)))
+        refuse(("mesh", f"{text} (in {show(name)})"))
         raise AssertionError
 
     if not isinstance(context, Folder):

@@ -496,7 +496,7 @@ class Module(Value):
         >>> round(Module().figure_of_merit(1.2), 3)
         0.566
         """
-        return self.ideal_power(1.0, density) / self.torque_coefficient
+        return self.ideal_power(density) / self.torque_coefficient
 
     @property
     def jet_momentum(self) -> float:
@@ -508,15 +508,10 @@ class Module(Value):
         jet, L_over_R = self.airflow.jet, 2 * self.arm_length / self.body.rotor_radius
         return (jet.decay * jet.half_width * L_over_R) ** 2 / (24 * (math.sqrt(2) - 1))
 
-    def ideal_power(self, u: float, density: float) -> float:
-        """Return the power of an ideal rotor with the same thrust [W].
-
-        Args:
-            u: squared rotor speed [rad^2/s^2].
-            density: rho [kg/m^3].
-        """
-        thrust, disc = self.thrust_coefficient * u, math.pi * self.body.rotor_radius**2
-        return thrust * math.sqrt(thrust / (2 * density * disc))
+    def ideal_power(self, density: float) -> float:
+        """Return the power of an ideal rotor with the thrust of a rotor at 1 rad/s, for an air density [W]."""
+        k_f, disc = self.thrust_coefficient, math.pi * self.body.rotor_radius**2
+        return k_f * math.sqrt(k_f / (2 * density * disc))
 
     def propeller_coefficient(self, density: float) -> float:
         """Return C_T for an air density [kg/m^3]."""

@@ -173,15 +173,9 @@ def _elevation(module: Module, d: float) -> float:
 
 def frame_pieces(module: Module) -> list[Array]:
     """Return the corners of hub and arms, or of the convex pieces of a custom frame, shape (k, 3) each [m]."""
-    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
-    if body.frame is not None:
-        return [np.array(piece.vertices) for piece in body.frame]
-    boxes = [CUBE * body.hub]
-    for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        along, across = np.array([x, y, 0.0]) / math.sqrt(2), np.array([-y, x, 0.0]) / math.sqrt(2)
-        axes = np.stack([l_arm * along, w * across, [0.0, 0.0, w]])
-        boxes.append(l_arm / 2 * along + CUBE @ axes)
-    return boxes
+    if module.body.frame is not None:
+        return [np.array(piece.vertices) for piece in module.body.frame]
+    return [box.corners for box in _pieces(module)]
 
 
 def _frame_edges(module: Module) -> Array:
@@ -428,6 +422,11 @@ class _Box(NamedTuple):
     normals: Array
     offsets: Array
 
+    @property
+    def corners(self) -> Array:
+        """Corners of the box, shape (8, 3)."""
+        return self.centre + (2 * CUBE * self.half) @ self.axes
+
 
 @functools.cache
 def part_cover(module: Module) -> Balls:
@@ -483,7 +482,7 @@ def _uncovered_boxes(
     stack = list(pieces)
     while stack:
         box = stack.pop()
-        corners = box.centre + (2 * CUBE * box.half) @ box.axes
+        corners = box.corners
         if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
         if air is not None:

@@ -31,14 +31,11 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
         most_bytes: largest size that is read.
 
     Raises:
-        NotReadable: not a regular file, too large, a pointer of Git LFS, or an invalid file name.
+        NotReadable: not a regular file, too large, or a pointer of Git LFS.
         FileNotFoundError: there is no such file.
         OSError: the file cannot be opened or read.
     """
-    try:
-        status = os.stat(path)
-    except ValueError as error:  # a zero byte, or half of a surrogate pair
-        raise NotReadable(f"must have a name that a file can have ({error})") from None
+    status = os.stat(path)
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise NotReadable(f"must be a regular file, but is {kind}")

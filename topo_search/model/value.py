@@ -119,14 +119,7 @@ def show(value: Any) -> str:
         text = json.dumps(value, default=str)
     except RecursionError:
         text = reprlib.repr(value)
-    except ValueError:  # an integer with thousands of digits
-        text = f"a whole number of {value.bit_length():,} bits" if isinstance(value, int) else "what has no text"
     return text if len(text) <= 80 else text[:77] + "..."
-
-
-def with_file_name(rule: str, name: Any) -> str:
-    """Add the name of a file to a rule; if the rule already states a value, in parentheses."""
-    return f"{rule} (in {show(name)})" if "but " in rule else f"{rule}, but got {show(name)}"
 
 
 def to_printable(name: str | os.PathLike[str]) -> str:

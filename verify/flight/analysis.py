@@ -38,7 +38,6 @@ from topo_search.model import (
     Flight,
     JointLoad,
     LoadCase,
-    Rod,
     RotorsOut,
     Sensitivity,
     Wrench,
@@ -46,6 +45,7 @@ from topo_search.model import (
 from topo_search.model.load_case import ROTOR_OUT_TORQUE, weight_cases
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.value import Vector
+from verify.assembly import rod_moment
 from verify.bodies import Array
 from verify.flight.balls import (
     TORQUES,
@@ -120,7 +120,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         hover_power_ratio=analysis.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
-        rod_moment_Nm=None if rod is None or not is_ignored else _moment(rod, platform, task.gravity),
+        rod_moment_Nm=None if rod is None or not is_ignored else rod_moment(rod, platform, task.gravity),
         span_m=clamp(span + 2 * task.module.body.rotor_radius),
     )
 
@@ -387,12 +387,6 @@ def _worst_case(nominal: CaseFlight, *off_centre: CaseFlight) -> CaseFlight:
             smallest = np.min(values, axis=0).tolist()
             worst[name] = tuple(smallest) if isinstance(smallest, list) else smallest
     return nominal.model_copy(update=worst)
-
-
-def _moment(rod: Rod, platform: Platform, gravity: float) -> float:
-    """Return the moment of a rod's weight about the centre of mass [N m]."""
-    x, y, _ = platform.p_e - rod.length_m / 2 * np.array(rod.direction)
-    return clamp(rod.mass_kg * gravity * math.hypot(x, y))
 
 
 def _joint_loads(

@@ -163,23 +163,21 @@ class Solvable:
     """True if it is proven that there is no solution, shape (B,); undecided if neither."""
     v: Array
     """Shape (B, N)."""
-    bases: Indices
-    """Final bases, warm starts for slightly different bounds, shape (B, k)."""
 
 
-def find_solutions(M: Array, m: Array, box: Bounds, bases: Indices | None = None) -> Solvable:
+def find_solutions(M: Array, m: Array, box: Bounds) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
     # any costs would do; distinct ones make the solution a unique vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    v, _, rays, bases = solve(c, [M], m, bounds.low, bounds.high, bases, (0, len(c)))
+    v, _, rays, _ = solve(c, [M], m, bounds.low, bounds.high, None, (0, len(c)))
     yes, no = _is_solution(M, m, v), _is_infeasible(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         single = slice(row, row + 1)
         yes[single] = _is_solution(M, m[single], v[single])
         no[single] = _is_infeasible(M, m[single], Bounds(bounds.low[single], bounds.high[single]), y[None])
-    return Solvable(yes, no, v, bases)
+    return Solvable(yes, no, v)
 
 
 def _is_solution(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
