@@ -60,11 +60,6 @@ def strange(platform: SymbolicPlatform):
     return platform.centres[0][2] + ca.SX.sym("mine")
 
 
-def some_number(platform: SymbolicPlatform):
-    """Of the platforms alone whose first module is well above the end-effector."""
-    return ca.sqrt(platform.centres[0][2] - platform.end_effector[2] - 0.1)
-
-
 def span(limit, **fields):
     return OwnConstraint("span", spans, upper=limit, unit="m", invariant="mirror", **fields)
 

@@ -234,17 +234,6 @@ def test_a_cone_on_the_paper_is_the_shadow_of_the_cone(seed: int) -> None:
             assert np.abs(drawn).max() > 3.0
 
 
-def test_what_airflow_keeps_out_of_and_what_it_stays_in_look_different() -> None:
-    looks = set()
-    for task, words in (("push-two-paths", "keep-out"), ("push-exterior-60", "cone")):
-        figure = task_figure(read_task(task).resolve(5))
-        (named,) = (entry for entry in figure.legends[0].get_patches() if entry.get_label().startswith(words))
-        drawn = figure.axes[0].patches[0]
-        assert drawn.get_facecolor() == named.get_facecolor()
-        looks |= {drawn.get_facecolor(), drawn.get_linestyle()}
-    assert len(looks) == 4
-
-
 def test_forces_point_where_they_push() -> None:
     front = task_figure(read_task("push").resolve(5)).axes[0]
     labels = {text.get_text(): np.array(text.get_position()) for text in front.texts}
@@ -268,13 +257,3 @@ def test_torques_are_dashed_arrows_through_a_ring() -> None:
             middle = ring[:-1].mean(axis=0)
             assert middle @ torque == pytest.approx(np.linalg.norm(middle) * np.linalg.norm(torque))
     assert sum("N m" in text.get_text() for text in figure.legends[0].get_texts()) == 9
-
-
-def test_the_module_to_scale_is_in_one_place_in_all_views() -> None:
-    figure = task_figure(read_task("push").resolve(5))
-    places = {}
-    for (right, up, _), axes in zip(VIEWS, figure.axes, strict=True):
-        (module,) = (line for line in axes.lines if line.get_marker() == "s")
-        for axis, value in zip((right, up), np.ravel(module.get_data()), strict=True):
-            assert places.setdefault(axis, value) == value
-    assert set(places) == {0, 1, 2}

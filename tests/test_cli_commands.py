@@ -132,19 +132,15 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--set", "module.mas=1"], "module.mas: unknown field; did you mean `mass`?"),
         (["run", "toy.toml", "--modules", "6-4"], "`fewest <= most` must hold, but got [6, 4]"),
         (["run", "toy.toml", "--modules", "many"], "must be N or LO-HI, but got 'many'"),
-        (["run", "toy.toml", "--strategy", "optuna", "--round", 1001], "is not in the range 1<=x<=1000"),
         (["run", "toy.toml", "--round", 8], "--round require --strategy optuna"),
         (["run", "toy.toml", "--modules", "12", "--workers", 2], "choose the strategy: `optuna` solves the most"),
         (["run", "toy.toml", "--out", "toy.toml"], "is a file"),
-        (["run", "toy.toml", "--out", "toy.toml/deeper"], "cannot be created"),
         (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a` or `p`, but got 'b00'"),
         (
             ["solve", "toy.toml", "--topology", "a10", "--modules", 3],
             "must have the number of modules of --modules",
         ),
-        (["solve", "toy.toml", "--topology", "p18"], 'needs search.connectors = "any"'),
         (["solve", "toy.toml"], "--topology or --sample-seed"),
-        (["solve", "toy.toml", "--topology", "a10", "--sample-seed", "1"], "--topology or --sample-seed"),
         (["solve", "toy.toml", "--sample-seed", "1", "--modules", "3-4"], "needs one number of modules"),
         (["topologies", "3", "--symmetry", "task"], "'task' is not one of"),
     ],
@@ -188,7 +184,6 @@ def test_the_papers_literal_problem_is_one_switch(command, tmp_path, words):
     [
         (["--root", "free"], ["--paper:", "search.root=free"]),
         (["--set", "search.margin=1e-3"], ["--paper:", "search.margin=1e-3"]),
-        (["--set", " search . margin = 1"], []),
         (["--set", "search={}"], ["--paper:", "search={}"]),
         (
             ["--set", "goals.clearance=[1e-4, 1e-3]"],

@@ -74,13 +74,6 @@ def test_help_loads_nothing_heavy_and_has_an_example():
     assert all("Example: topo-search" in text for text in told[:-1:2])
 
 
-def test_the_package_is_the_command_too():
-    done = subprocess.run(
-        [sys.executable, "-m", "topo_search", "examples"], capture_output=True, text=True, check=True
-    )
-    assert "push" in done.stdout.splitlines()
-
-
 def test_public_names_are_functions_even_after_their_modules_are_loaded():
     statement = "import topo_search, topo_search.compose, topo_search.engine, topo_search.study"
     code = f"{statement}\nprint(all(callable(getattr(topo_search, name)) for name in topo_search.__all__))"

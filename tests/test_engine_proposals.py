@@ -3,7 +3,7 @@
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +16,6 @@ import pytest
 from optuna.samplers import BaseSampler, GridSampler
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from optuna.trial import FrozenTrial, TrialState
 from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_random
 from suites import few
 from toy_problem import follow
@@ -296,66 +295,8 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
     assert repeats > 5
 
 
-@pytest.mark.parametrize(("round_size", "trials"), few([(ROUND, 150), (70, 300)], 1))
-def test_what_is_kept_of_trials_is_what_the_study_says(
-    monkeypatch: pytest.MonkeyPatch, round_size: int, trials: int
-) -> None:
-    """Proposals of `moves` depend on nothing but what is compared here with the study as it stands."""
-    searched, ideas, compared = space(8), moves.Moves.ideas, list[tuple[int, ...]]()
-
-    def watched(sampler: moves.Moves, study: optuna.Study, trial: FrozenTrial) -> Any:
-        kept, earlier = sampler, [one for one in study.get_trials(deepcopy=False) if "key" in one.user_attrs]
-        over, failed, running = (
-            [one for one in earlier if one.state == state]
-            for state in (TrialState.COMPLETE, TrialState.FAIL, TrialState.RUNNING)
-        )
-        lent = defaultdict[str, set[str]](set)
-        for one in earlier:
-            lent[key_of(one)].update(one.user_attrs["near"])
-        merits = sorted((sum(one.constraints.values()), one.value, one.number, key_of(one)) for one in over)
-        best = {merit[-1]: merit for merit in reversed(merits)}
-        proposed, without = set(map(key_of, earlier)), set(map(key_of, failed))
-        twins = {searched.twin_of(Topology.from_key(key)).key for key in proposed - without}
-        assert (kept.proposed, kept.warm_started, kept.failed, kept.completed) == (
-            proposed,
-            lent,
-            without,
-            len(over),
-        )
-        assert kept.starts == {key_of(one): one.user_attrs["starts"] for one in over}
-        assert [merit[:4] for merit in kept.ranking] == sorted(best.values())
-        assert sampler._settled == proposed | twins
-        assert {number: (idea.key, idea.warm_starts) for number, idea in kept.running.items()} == {
-            one.number: (key_of(one), one.user_attrs["near"]) for one in running
-        }
-        compared.append((len(failed), len(over) - len(best), len(running)))
-        return ideas(sampler, study, trial)
-
-    def objective(key: str, starts: int) -> Tried:
-        fails = Random(key).random() < 0.1
-        return Tried(key, starts, "failed", None, None) if fails else scored(key, starts)
-
-    monkeypatch.setattr(moves.Moves, "ideas", watched)
-    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=trials, starts=STARTS, seed=0)
-    replay(strategy, objective)
-    for numbers, least in zip(zip(*compared, strict=True), (4, 2, 1), strict=True):
-        assert max(numbers) >= least
-
-
-def key_of(trial: FrozenTrial) -> str:
-    return str(trial.user_attrs["key"])
-
-
 def twin_of(key: str) -> str:
     return space(8).twin_of(Topology.from_key(key)).key
-
-
-def test_of_twins_the_other_one_follows_where_the_first_is_good() -> None:
-    keys = replay(study_of(space(8), sampler="moves", trials=160, starts=4, seed=0)).new
-    ranking = sorted(keys, key=lambda key: scored(key, 4).objective or math.inf)
-    assert twin_of(ranking[0]) in keys
-    mirrored = [twin_of(key) in keys and twin_of(key) != key for key in ranking]
-    assert sum(mirrored[80:]) < 0.2 * sum(mirrored[:80])  # a half where nothing is known of twins
 
 
 def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
@@ -400,33 +341,6 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
     assert not any(found("random", seed) for seed in range(3))
-
-
-def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing but the first starts of a tree leads anywhere."""
-    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(max_repeats=1))
-    replayed = replay(
-        study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
-        lambda key, starts: replace(scored(key, 1), starts=starts),
-    )
-    times = Counter(p.candidate.key for p in replayed.searched)
-    assert len(times) == 100
-    assert 100 < sum(times.values()) < 200
-
-
-@pytest.mark.parametrize("sampler", few(SAMPLERS, 1))
-def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sampler: str) -> None:
-    """A folder that another version began may know more."""
-
-    def known(key: str, starts: int) -> Tried:
-        return scored(key, max(starts, 4))
-
-    replayed = replay(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
-    reached = Counter[str]()
-    for proposal in replayed.proposals:
-        assert proposal.starts > reached[proposal.candidate.key]
-        reached[proposal.candidate.key] = max(proposal.starts, 4)
-    assert max(reached.values()) > 4
 
 
 @pytest.mark.parametrize(("round_size", "given_up"), [(ROUND, 24), (20, 44)])
@@ -485,8 +399,3 @@ def test_the_journal_holds_every_trial_and_is_written_anew(tmp_path: Path) -> No
         assert trial.value == (None if score.status == "failed" else score.objective or float("inf"))
     told = [scored(p.candidate.key, p.starts) for p in replayed.proposals]
     assert study.best_value == min(score.objective or math.inf for score in told)
-
-
-def test_an_unknown_sampler_is_refused() -> None:
-    with pytest.raises(ValueError, match="sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"):
-        replay(study_of(space(3), sampler="cmaes", trials=1, starts=1, seed=0))

@@ -5,11 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.moves import PATTERNS, REGRESSION, Moves, Surrogate, descriptors, part_of
-from topo_search.engine.proposals.trials import Idea
-from topo_search.engine.strategy import Candidates, Tried
+from topo_search.engine.proposals.moves import PATTERNS, REGRESSION, Surrogate, descriptors, part_of
 from topo_search.model import Topology
-from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
 
 
@@ -96,12 +93,6 @@ def test_of_very_many_solved_trees_some_of_all_places_are_looked_at() -> None:
     assert bounds[0] < bounds[1] - 0.5 < bounds[2] - 1.0
 
 
-def test_one_solved_tree_is_enough() -> None:
-    bounds = Surrogate(np.ones((1, 4)), [0]).lower_confidence_bounds(np.ones((2, 4)))
-    assert np.all(np.isfinite(bounds))
-    assert bounds[0] == bounds[1]
-
-
 def test_what_falls_short_is_told_from_what_the_others_say() -> None:
     rng = np.random.default_rng(2)
     described = rng.normal(size=(240, 2))
@@ -116,36 +107,3 @@ def test_what_falls_short_is_told_from_what_the_others_say() -> None:
             described[[ranking[place]]]
         )
         assert bounds[place] == pytest.approx(alone[0], abs=0.05)
-
-
-def test_trees_that_stand_alike_are_told_apart_by_nothing_but_what_they_look_like() -> None:
-    rng = np.random.default_rng(3)
-    described = rng.normal(size=(40, 2))
-    places = [*range(10), *(30 * [10])]
-    surrogate, other = (
-        Surrogate(np.concatenate([described[:10], tied]), places) for tied in (described[10:], described[:9:-1])
-    )
-    unknown = rng.normal(size=(5, 2))
-    assert surrogate.lower_confidence_bounds(unknown) == pytest.approx(other.lower_confidence_bounds(unknown))
-
-
-def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_one() -> None:
-    space = Candidates(read_task("push", ("modules=6",)).resolve(6), "task")
-    keys = [candidate.key for candidate in space.sample(12, 0)]
-
-    def bounds(violations: list[float], designs: int) -> list[float]:
-        moves = Moves(space, starts=4, seed=0, round_size=8)
-        for number, (key, violation) in enumerate(zip(keys, violations, strict=True)):
-            found = number < designs
-            moves.note_idea(number, Idea(key))
-            status, value = ("feasible", float(number)) if found else ("infeasible", None)
-            moves.note_score(number, Tried(key, 1, status, value, None if found else violation))
-        learnt = moves._learn()
-        return learnt.surrogate.lower_confidence_bounds(
-            moves._descriptors([one.key for one in space.sample(20, 1)])
-        ).tolist()
-
-    rising = [1.0 + number for number in range(12)]
-    falling = rising[::-1]
-    assert bounds(rising, 3) == pytest.approx(bounds(falling, 3))
-    assert bounds(rising, 0) != pytest.approx(bounds(falling, 0))

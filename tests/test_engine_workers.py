@@ -14,7 +14,7 @@ from engine_jobs import LONG, misbehave, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
-from topo_search.supervisor import Clock, peak_mb
+from topo_search.supervisor import peak_mb
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):
@@ -141,10 +141,3 @@ def test_a_process_counts_its_own_memory_and_not_that_of_its_parent():
     assert peak_mb() >= before
     child = float(subprocess.run([sys.executable, "-c", SAY], check=True, capture_output=True).stdout)
     assert 5 < child < BLOCK_MB / 2
-
-
-def test_a_lap_begins_where_the_last_one_ended():
-    clock = Clock()
-    assert sum(range(3_000_000)) > 0
-    worked, rested = clock.lap(), clock.lap()
-    assert worked > rested >= 0

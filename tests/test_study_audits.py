@@ -15,9 +15,8 @@ from topo_search.model import Assembly, BadInput, BoltedJoint, Clearance, Design
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
 from topo_search.model.task import with_older_defaults
-from topo_search.study import LARGER_MARGINS
 from topo_search.study.folder import RunFolder
-from topo_search.study.request import margins
+from topo_search.study.request import LARGER_MARGINS, margins
 
 
 def keys_by_rank(tmp_path, modules=3):
@@ -117,10 +116,8 @@ def test_an_audit_that_crashes_passes_over_its_design_alone(tmp_path, monkeypatc
 
 
 def test_a_margin_of_zero_is_raised_too():
-    from topo_search.study import larger_margin
-
-    assert larger_margin(0.0) == 1e-4
-    assert larger_margin(1e-4) == 1e-3
+    task = toy_task(3).with_fields("search", margin=0.0)
+    assert margins(task.resolve(3)) == pytest.approx([0.0, 1e-4, 1e-3, 1e-2])
 
 
 def test_the_base_row_of_a_design_keeps_its_own_audit(tmp_path, monkeypatch):

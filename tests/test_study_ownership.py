@@ -9,7 +9,6 @@ from dataclasses import replace
 import pytest
 import toy_problem
 from commands import invoke
-from ledger_edit import altered
 from toy_problem import toy_run, toy_task
 
 from topo_search import compose
@@ -86,19 +85,6 @@ def test_a_design_that_the_user_changed_is_named_and_all_others_are_written(tmp_
     assert (tmp_path / f"audits/{key}.json").exists()
     (tmp_path / f"designs/{key}.json").unlink()
     assert toy_run(tmp_path).best.key == key
-
-
-def test_designs_that_are_no_more_are_removed_unless_the_user_changed_them(tmp_path):
-    first, second = (row.key for row in toy_run(tmp_path).sizes[0].top[:2])
-    put(tmp_path, {f"designs/{first}.json": "changed by hand"})
-    for key in (first, second):
-        altered(
-            tmp_path,
-            ("UPDATE candidates SET status = 'failed', objective = NULL, audit = NULL WHERE key = ?", (key,)),
-        )
-    toy_run(tmp_path)
-    assert (tmp_path / f"designs/{first}.json").read_text() == "changed by hand"
-    assert not (tmp_path / f"designs/{second}.json").exists()
 
 
 def test_an_empty_file_that_a_power_cut_left_is_written_again(tmp_path):

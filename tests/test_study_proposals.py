@@ -15,8 +15,7 @@ from toy_problem import solved_keys, toy_run
 
 from topo_search.engine import Engine
 from topo_search.model import BadInput
-from topo_search.study import Request, RunFolder, SilentObserver
-from topo_search.study.request import Identity
+from topo_search.study import RunFolder, SilentObserver
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
 
@@ -74,15 +73,6 @@ def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp
     assert min(trials_of(tmp_path / "run"), key=lambda trial: trial.value).value == size.top[0].objective
 
 
-def test_workers_change_nothing(tmp_path):
-    for name, workers in (("here", None), ("there", 3)):
-        toy_run(tmp_path / name, trials=80, workers=workers, **PROPOSED)
-    assert ranking(tmp_path / "here") == ranking(tmp_path / "there")
-    one, other = ([trial.user_attrs for trial in trials_of(tmp_path / name)] for name in ("here", "there"))
-    assert one == other
-    assert len(one) > len({attributes["key"] for attributes in one}) == 80  # some trees are tried again
-
-
 class Shuffled(Engine):
     """An engine whose jobs end in an order drawn at random, of all that can be begun."""
 
@@ -123,17 +113,6 @@ def test_the_size_of_a_round_is_part_of_what_is_asked(tmp_path):
         toy_run(tmp_path / "one", **options)
     with pytest.raises(ValueError, match="1 <= round_size <= 1,000"):
         toy_run(tmp_path / "three", **options, round_size=1001)
-
-
-def test_a_folder_whose_proposals_waited_for_whole_rounds_is_refused_by_name(tmp_path, monkeypatch):
-    older = property(lambda request: Identity(**{**new(request).model_dump(), "proposals": "by whole rounds"}))
-    new = Request.identity.func
-    options = {"modules": 5, "strategy": "optuna", "trials": 10}
-    with monkeypatch.context() as context:
-        context.setattr(Request, "identity", older)
-        toy_run(tmp_path / "run", **options)
-    with pytest.raises(BadInput, match="holds a run with proposals by whole rounds, not ahead of results"):
-        toy_run(tmp_path / "run", **options)
 
 
 def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ from wording import says
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed, Job
 from topo_search.model import Design, Infeasible, Task, Topology
-from topo_search.model.design import STARTS, Relaxation, Relaxed
+from topo_search.model.design import STARTS
 from topo_search.model.files import to_json
 from topo_search.model.text import apply_settings
 from topo_search.study import SilentObserver
@@ -227,12 +227,6 @@ def test_what_is_proven_impossible_when_relaxed_is_not_said_to_be_solved(monkeyp
     assert all(text.endswith("(still proven impossible)") for text in found.in_vain)
 
 
-def test_a_failure_after_a_design_leaves_what_was_tried():
-    engine = Failing(lambda job: job[2].task.module.max_thrust_to_weight < 5)
-    _, found = toy_relaxed(engine=engine, module={"max_thrust_to_weight": 2.5})
-    assert next(one for one in found.relaxations if one.field == "module.max_thrust_to_weight").share == 1.0
-
-
 def test_what_fails_its_audit_is_not_advised(monkeypatch):
     monkeypatch.setenv("TOY_VIOLATED", "a300")
     task, found = toy_relaxed()
@@ -301,16 +295,6 @@ def test_what_could_not_be_tried_is_tried_again(tmp_path, monkeypatch):
     (size,) = toy_run(tmp_path / "run").sizes
     assert size.relaxed.untried == ()
     assert size.relaxed.in_vain
-
-
-def test_no_word_of_proof():
-    what = {"topology_key": "a300", "limit": "rotor limits", "field": "module.max_thrust_to_weight"}
-    one = Relaxation(**what, change="4 % more thrust", share=0.04, given=2.5, enough=2.6)
-    first, *_ = Relaxed(modules=3, starts=8, relaxations=(one,), in_vain=()).sentences
-    assert says(first, "relax first: rotor limits", "a300", "4 % more thrust", "max_thrust_to_weight: 2.5 -> 2.6")
-    assert says(first, "a smaller change may be enough")
-    (alone,) = Relaxed(modules=3, starts=8, relaxations=(), in_vain=("rotor limits: 100 % more thrust",)).sentences
-    assert "no single limit" in alone
 
 
 def test_a_run_without_a_design_keeps_and_tells_what_would_do(tmp_path, monkeypatch):

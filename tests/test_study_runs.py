@@ -180,12 +180,6 @@ def test_sizes_share_the_time(tmp_path, clock):
     assert not any(size.complete for size in sizes)
 
 
-def test_a_time_limit_that_does_not_come_changes_nothing(tmp_path):
-    toy_run(tmp_path / "timed", starts=9, time_limit=1e6)
-    toy_run(tmp_path / "whole", starts=9)
-    assert ranking(tmp_path / "timed") == ranking(tmp_path / "whole")
-
-
 def test_the_table_says_how_many_starts_reached_the_same_optimum(tmp_path):
     toy_run(tmp_path / "run", starts=9)
     toy_run(tmp_path / "run", starts=20)

@@ -229,9 +229,3 @@ def test_nothing_is_pruned_while_the_bound_leaves_room(tmp_path):
     assert whole.sizes[0].statement == (
         f"the best found of all 14 candidates; proven: no 4-module topology is more than {gap:.2f} % better"
     )
-
-
-def test_a_folder_holds_either_kind_of_run(tmp_path):
-    toy_run(tmp_path / "run", prune=True)
-    with pytest.raises(BadInput, match="holds a run with prune True, not False"):
-        toy_run(tmp_path / "run")

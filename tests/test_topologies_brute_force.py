@@ -1,6 +1,5 @@
 """The listed keys against trees grown module by module and compared from every root, turned and mirrored."""
 
-from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -88,32 +87,6 @@ def test_any_port_candidates_are_the_classes_of_grown_spin_labelled_trees(n: int
     ]
     assert len(set(found)) == len(found)
     assert set(found) == grown(n, TURNS["c4"], (0, 1), True)
-
-
-@pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
-@pytest.mark.parametrize("n", range(1, 6))
-def test_the_least_key_at_a_centroid_is_listed_with_its_number_of_half_turn_classes(
-    n: int, symmetry: Symmetry
-) -> None:
-    keys = defaultdict(list)
-    half_turn_classes = defaultdict(set)
-    for rooted in candidates(n, symmetry="none", root="paper"):
-        topology = rooted.topology
-        grid = grid_of(topology)
-        name = grid.canonical(TURNS[symmetry], False)
-        half_turn_classes[name].add(grid.canonical(TURNS["c2"], False))
-        if 2 * max(branch_sizes(topology)) <= n:
-            keys[name].append(topology.key)
-    expected = {min(keys[name]): 1 if symmetry == "none" else len(half_turn_classes[name]) for name in keys}
-    assert {candidate.key: candidate.orbit for candidate in candidates(n, symmetry=symmetry)} == expected
-
-
-def branch_sizes(topology: Topology) -> list[int]:
-    """Number of modules at each port of the root."""
-    branch = [0]
-    for h, i, _, _ in topology.edges():
-        branch.append(branch[h] if h else i)
-    return list(Counter(branch[1:]).values()) or [0]
 
 
 @pytest.mark.parametrize("connectors", ["aligned", "any"])

@@ -78,18 +78,6 @@ def test_moves_lead_from_any_candidate_to_all(n: int, connectors: Connectors, ro
     assert reached == listed
 
 
-def test_what_cannot_be_moved_is_refused() -> None:
-    chain = Topology.from_key("a120")
-    with pytest.raises(ValueError, match=r"`0 < i < 3` must hold, but got i = 0"):
-        graft(chain, 0, (1, 1))
-    with pytest.raises(ValueError, match=r"module 2 is in the part of module 1, but got at = \(2, 1\)"):
-        graft(chain, 1, (2, 1))
-    with pytest.raises(ValueError, match="carries one joint"):
-        graft(chain, 2, (0, 0))
-    with pytest.raises(ValueError, match=r"`n >= 2` must hold for a move, but got n = 1"):
-        draw_move(Topology.from_key("a0"), Random(0), "aligned")
-
-
 @given(trees("any"))
 def test_spins_reversed_twice_are_a_half_turn(tree: Topology) -> None:
     other = with_spins_reversed(tree)

@@ -51,24 +51,13 @@ def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
         (["p308"], 'p308 needs search.connectors = "any", but the task has "aligned"'),
         ([7], r"\[0\]: must be a Topology, a key or a networkx graph, but got int"),
         ([nx.cycle_graph(3)], "must be a tree, but got a graph of 3 nodes and 3 edges"),
-        ([nx.path_graph(3)], "the edge of 0 and 1 must carry `ports = {node: port}` with both of its nodes"),
         (["a" + "1" * 500], "must be a key of at most 200 modules, but got a text of 501 characters"),
         (["a500"] * 10_001, "must list at most 10,000 topologies, but has more"),
         ("a500", 'topologies: must be a list of topologies, but got "a500"'),
         (5, "topologies: must be a list of topologies, but got int"),
-        (Topology.from_key("a500").graph(), "topologies: must be a list of topologies, but got Graph"),
         ([nx.MultiGraph([(0, 1), (1, 2)])], "the edge of 0 and 1 must carry `ports = {node: port}`"),
-        ([nx.DiGraph([(0, 1), (1, 2), (2, 0)])], "must be a tree, but got a graph of 3 nodes and 3 edges"),
-        ([joined((0, 1, 0, 2), (1, 1, 0, 2))], "must be a tree, but got a graph of 2 nodes and 2 edges"),
-        ([joined((0, 1, 0, 2), (2, 3, 0, 2))], "must be a tree, but got a graph of 4 nodes and 2 edges"),
         ([joined((0, 1, 0, 2), (1, 2, 2, 0))], "port 2 of module 1 carries one joint, but joints 1 and 2 use it"),
         ([joined((0, 1, 0, 4))], "the child port must be 0, 1, 2 or 3 in joint 1, but got 4"),
-        ([joined((0, 1, 0, None))], r"must carry ports that are whole numbers, but got {0: 0, 1: None}"),
-        ([joined((0, 1, 0, 2.5))], r"must carry ports that are whole numbers, but got {0: 0, 1: 2.5}"),
-        (
-            [joined((0, 1, 0, 2), (1, 0, 0, 2))],
-            r"must carry one pair of ports, but got {0: 0, 1: 2} and {1: 0, 0: 2}",
-        ),
     ],
 )
 def test_a_wrong_list_is_refused_before_a_folder_is_made(hover, tmp_path, listed, words):
@@ -115,7 +104,6 @@ def test_a_file_lists_the_candidates_of_a_run(tmp_path):
     [
         ("a500\na10\n", "line 2: must have 3 modules, as the task asks, but a10 has 2"),
         ("a500\n\na500\n", "line 3: must be listed once, but a500 is in line 1 already"),
-        ("\n", "must list at least one topology, but has none"),
         ("\n".join(["x"] * 30), "has 10 more faults"),
         ("a" * 5_000_000, "must have at most 4,194,304 bytes, but has 5,000,000"),
     ],
@@ -194,15 +182,12 @@ class Wrong:
     [
         (Wrong("a10"), BadInput, "Wrong.propose: must have 3 modules, but a10 has 2"),
         (Wrong("zz"), BadInput, "a topology key starts with"),
-        (Wrong(5), BadInput, "must be a Topology or a key, but got int"),
+        (Wrong(5), BadInput, "must be a Topology, a key or a networkx graph, but got int"),
         (lambda seed: 3, BadInput, "must make an Optuna sampler, or an object with `propose`, but made int"),
         (optuna.samplers.RandomSampler(seed=1), ValueError, "lambda seed: RandomSampler"),
         (5, ValueError, "sampler must be moves, tpe, nsga2, random, or make one for a seed"),
-        (lambda seed: Wrong, BadInput, "but made the class Wrong itself"),
-        (Wrong, BadInput, "Wrong.propose: must be a Topology or a key, but got int"),
         (fail, BadInput, "sampler: fail: cannot make a sampler for a seed: RuntimeError: no idea"),
         (lambda seed: OutOfRange(-1), BadInput, r"OutOfRange: port 1 must be one of 0, \.\.\., 3, but got -1"),
-        (lambda seed: OutOfRange("x"), BadInput, "OutOfRange: port 1 must be one of 0, .*, but got 'x'"),
         (lambda seed: OutOfRange(None), BadInput, "OutOfRange.sample_independent: raised an error: RuntimeError"),
     ],
 )
@@ -211,20 +196,11 @@ def test_a_wrong_sampler_is_named(hover, tmp_path, sampler, error, words):
         search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=sampler)
 
 
-@pytest.mark.parametrize("make", [fail, lambda seed: None, lambda: make_random(0)])
-def test_a_factory_that_makes_no_sampler_leaves_no_folder(hover, tmp_path, make):
-    with pytest.raises(BadInput, match="sampler: "):
-        search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=make)
-    assert not (tmp_path / "run").exists()
-
-
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
         ({"name": ""}, 'name: must not be empty, but got ""$'),
-        ({"name": 5}, "name: must be a text, but got 5$"),
         ({"make": 5}, "make must be a function that returns a sampler for a seed, but got 5"),
-        ({"make": Wrong("a500")}, "make must be a function that returns a sampler for a seed"),
         ({"version": 1}, "version: must be a text, but got 1$"),
     ],
 )

@@ -169,7 +169,6 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
         ([UPRIGHT, UPRIGHT], "upright: must be the name of one constraint"),
         ([3], r"\[0\]: must be an OwnConstraint, but got int"),
         (UPRIGHT, "constraints: must be a list of OwnConstraint, but got one OwnConstraint"),
-        (own_code.uprightness, "constraints: must be a list of OwnConstraint, but got function"),
         ([OwnConstraint("c", own_code.no_number, upper=1.0)], "c: cannot be evaluated for a110: must have a"),
         ([OwnConstraint("c", own_code.infinite, lower=1.0)], "must have a finite value"),
         ([OwnConstraint("c", own_code.strange, upper=1.0)], "may use only the platform's symbols, but has"),
@@ -207,12 +206,9 @@ print(*(one.status for one in solved.audit.stated) if solved.audit else solved)
     [
         ({}, "lower or upper must be a number"),
         ({"lower": 2.0, "upper": 1.0}, "`lower <= upper` must hold, but got lower=2.0, upper=1.0"),
-        ({"upper": float("nan")}, "`lower <= upper` must hold"),
         ({"upper": 1.0, "scale": 0.0}, "`0 < scale < inf` must hold, but got 0.0"),
         ({"upper": 1.0, "expression": 3}, "expression must be a function of a SymbolicPlatform, but got 3"),
         ({"upper": 1.0, "name": ""}, 'name: must not be empty, but got ""$'),
-        ({"upper": 1.0, "name": "a\nb"}, "name: must be one line of text without control characters, but got"),
-        ({"upper": 1.0, "unit": "\x1b[31m"}, "unit: must be one line of text"),
         ({"upper": 1.0, "invariant": "all"}, 'invariant: must be "none", "numbering" or "mirror", but got "all"$'),
     ],
 )
@@ -231,11 +227,6 @@ def test_what_has_no_number_is_missed(task, expression):
     assert not missed.met
     assert (missed.name, missed.rank) == ("c (no finite value)", math.inf)
     assert 0 < missed.amount < math.inf  # as a file can hold it
-
-
-def test_what_has_a_number_for_some_platforms_is_no_mistake(task):
-    one = OwnConstraint("c", own_code.some_number, lower=0.0)
-    refuse_unusable([one], task.resolve(3), Topology.from_key("a500"))
 
 
 @pytest.mark.parametrize("key", ["a500", "a70010", "aa1106020"])

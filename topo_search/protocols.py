@@ -126,8 +126,6 @@ class OwnConstraint:
             raise ValueError(f"`lower <= upper` must hold, but got lower={self.lower}, upper={self.upper}")
         if not (math.isfinite(self.lower) or math.isfinite(self.upper)):
             raise ValueError(f"lower or upper must be a number, but got {self.lower} and {self.upper}")
-        if self.lower == math.inf or self.upper == -math.inf:
-            raise ValueError(f"the bounds must allow some value, but got lower={self.lower}, upper={self.upper}")
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"`0 < scale < inf` must hold, but got {self.scale}")
         require_stated(self)

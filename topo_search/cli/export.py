@@ -128,10 +128,12 @@ def export(
                 note(text)
             note(f"nothing is written: the audit of this design is {audited.verdict}")
             raise SystemExit(1)
-        _warn_unless_clear(audited)
+        if audited.verdict != ts.Status.CLEAR:
+            note(f"warning: the audit of this design is {audited.verdict}: {audited.failure(design.task)}")
         if chosen.name in ("kit", "sheet"):
-            notes += (brackets := brackets_note(design),)
-            if "not clear" in brackets:
+            brackets, are_clear = brackets_note(design)
+            notes += (brackets,)
+            if not are_clear:
                 note(brackets)
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if chosen.reads == "folder":
@@ -158,15 +160,6 @@ def export(
 export.help = str(export.help).replace(
     "FORMATS", "\n    ".join(f"{each.name:<12}{each.says} {' '.join(each.suffixes)}".rstrip() for each in BUILT_IN)
 )
-
-
-def _warn_unless_clear(audit: ts.Audit) -> None:
-    """Warn if the audit of an exported design is not clear."""
-    if audit.verdict != ts.Status.CLEAR:
-        broken = [pair.name for pair in audit.pairs if pair.status != ts.Status.CLEAR]
-        broken += [residual.name for residual in audit.residuals if residual.status != ts.Status.CLEAR]
-        shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
-        note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 
 
 def _write_folder(design: ts.Design, name: str, out: Path, notes: tuple[str, ...], physics: Physics) -> None:

@@ -218,15 +218,6 @@ def echo_lines(lines: Iterable[str]) -> None:
         click.echo(line)
 
 
-def echo_json_list(values: Iterable[Any]) -> None:
-    """Print values as a JSON list, each as soon as it is computed."""
-    prefix = "[\n "
-    for value in values:
-        click.echo(f"{prefix}{json.dumps(value, allow_nan=False)}", nl=False)
-        prefix = ",\n "
-    click.echo("[]" if prefix.startswith("[") else "\n]")
-
-
 def picture(text: str) -> Callable[..., Any]:
     """Return the option for a picture; check its value with `require_drawable`."""
     return click.option("--picture", type=FILE, metavar="FILE", help=f"{text}; needs the extra `viz`.")

@@ -31,16 +31,13 @@ def list_runs(folder: Path) -> None:
     Exit status: 0 listed; 2 bad input.
     """
     from topo_search.cli.tables import run_lines
-    from topo_search.study import RunFolder, answer_of
-    from topo_search.study.directory import RunFile
+    from topo_search.study import RunFile
 
     if not folder.is_dir():
         raise ts.BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
 
-    runs = []
-    for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
-        with RunFolder.load(ledger.parent) as opened:
-            runs.append((ledger.parent, answer_of(opened)))
+    ledgers = sorted(folder.glob(f"*/{RunFile.LEDGER}"))
+    runs = [(ledger.parent, ts.read_answer(ledger.parent)) for ledger in ledgers]
     options.echo_answer([answer_as_json(answer, ()) for _, answer in runs], run_lines(runs))
 
 
@@ -53,10 +50,8 @@ def show(run: Path) -> None:
     Exit status: as for `run`.
     """
     from topo_search.cli.tables import answer_lines
-    from topo_search.study import RunFolder, answer_of
 
-    with RunFolder.load(run) as folder:
-        answer = answer_of(folder)
+    answer = ts.read_answer(run)
     options.echo_answer(answer_as_json(answer, ()), answer_lines(answer))
     raise SystemExit(answer.exit_status)
 

@@ -183,4 +183,4 @@ def topologies(
         keys = (candidate.key for candidate in family.candidates())
     else:
         keys = (topology.key for topology in islice(family.draws(seed), size))
-    (options.echo_json_list if options.is_json() else options.echo_lines)(keys)
+    options.echo_answer([*keys] if options.is_json() else None, keys)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import Any, TypeVar, get_args
 
 import nlp
 import verify
@@ -57,22 +57,12 @@ class SolverAndAudit:
 
     def solve(self, job: Job) -> Design | Infeasible:
         """Solve one topology."""
-        outcome = nlp.solve(
-            job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near, constraints=self.constraints
-        )
+        outcome = nlp.solve(job.task, job.topology, **self._options(job))
         return self._mount_rod(job.task, outcome) if isinstance(outcome, Design) else outcome
 
     def local_optima(self, job: Job, max_effort: float) -> list[Design]:
         """Find the local optima of one topology."""
-        designs = nlp.local_optima(
-            job.task,
-            job.topology,
-            starts=job.starts,
-            seed=job.seed,
-            near=job.near,
-            constraints=self.constraints,
-            most_effort=max_effort,
-        )
+        designs = nlp.local_optima(job.task, job.topology, most_effort=max_effort, **self._options(job))
         return [self._mount_rod(job.task, design) for design in designs]
 
     def audit(self, geometry: Geometry) -> Audit:
@@ -93,6 +83,9 @@ class SolverAndAudit:
                 "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
             }
         )
+
+    def _options(self, job: Job) -> dict[str, Any]:
+        return {"starts": job.starts, "seed": job.seed, "near": job.near, "constraints": self.constraints}
 
     def _mount_rod(self, task: ResolvedTask, design: Design) -> Design:
         """Return a design with its rod at the best mount, and the task with that rod."""

@@ -174,10 +174,10 @@ def compare_audits(before: Audit, after: Audit) -> str:
     return f"Audit: {after.verdict} (before: {before.verdict}); smallest clearance {new} (before: {old})."
 
 
-def brackets_note(design: Design) -> str:
+def brackets_note(design: Design) -> tuple[str, bool]:
     """Return a sentence about the clearance of a kit's brackets from airflow and rotors, as the audit proves it.
 
-    Brackets are audited even if the task has no `[module.bracket]`.
+    The second value is False if they are not clear. They are audited even if the task has no `[module.bracket]`.
 
     Raises:
         RuntimeError: the audit failed; the message gives the reason.
@@ -188,13 +188,13 @@ def brackets_note(design: Design) -> str:
     kinds = ("bracket-airflow", "bracket-rotor")
     pairs = [pair for pair in audit(design.model_copy(update={"task": task})).pairs if pair.kind in kinds]
     if not pairs:
-        return "Brackets: there are no joints, or numbers are too large to audit them."
+        return "Brackets: there are no joints, or numbers are too large to audit them.", True
     nearest = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
     clearance = f"{lower_text(1000 * nearest.analytic_m, 3)} mm"
     if nearest.status is Status.CLEAR:
         text = "Brackets are audited clear of all airflow and rotors; the smallest clearance is"
-        return f"{text} {clearance}, {nearest.name}."
-    return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status})."
+        return f"{text} {clearance}, {nearest.name}.", True
+    return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status}).", False
 
 
 def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:

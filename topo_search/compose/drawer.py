@@ -49,8 +49,6 @@ from topo_search.report.wording import quantity
 from topo_search.study import Observer, RunFolder, answer_of
 from topo_search.study.optima import clear_designs
 
-FILE, PAGE = "kit.json", "index.html"
-
 
 class NoCommonKit(Exception):
     """A task has no audited design to choose from."""
@@ -232,7 +230,7 @@ def kit(
     chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
     shared = _describe(runs, choices, chosen, within)
     for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
-        brackets = brackets_note(design)
+        brackets, _ = brackets_note(design)
         changes = [f"{change.words}." for change in shared.changes[number - 1 : number]]
         written = write_kit(design, (out / entry.design).parent, (*changes, brackets))
         for text in (brackets, *written.notes):
@@ -243,8 +241,8 @@ def kit(
     for name, change, pair in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
         title = f"From {change.before} to {change.after}"
         write_atomically(out / name, html_page(title, STYLE, _change_lines(change, *pair)))
-    write_atomically(out / PAGE, _drawer_page(shared, chosen))
-    write_atomically(out / FILE, to_json(shared))
+    write_atomically(out / "index.html", _drawer_page(shared, chosen))
+    write_atomically(out / "kit.json", to_json(shared))
     return shared
 
 

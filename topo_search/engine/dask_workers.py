@@ -14,7 +14,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 from topo_search.engine.workers import (
     Engine,
@@ -85,10 +85,8 @@ class DaskWorkers(Engine):
         self._note = note
         self._client: Client | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: object) -> None:
+    def stop(self) -> None:
+        """Disconnect from the scheduler."""
         if self._client is not None:
             self._client.close(timeout=1.0)
 

@@ -202,11 +202,6 @@ class ListedCandidates(Candidates):
         """Return the number of candidates."""
         return len(self.keys)
 
-    @property
-    def classes(self) -> int:
-        """The number of candidates, each of which represents only itself."""
-        return len(self.keys)
-
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate of a topology; ValueError if it is not listed."""
         if topology.key not in self.keys:

@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -23,7 +24,7 @@ from dataclasses import dataclass
 from multiprocessing import current_process, popen_spawn_posix, resource_tracker, spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
@@ -60,9 +61,20 @@ Preparation = Callable[[Item, Note], object]
 """Compiles code for a task; calls a function with a message before what takes long."""
 
 
-class Engine(Protocol):
+class Engine(ABC):
     """Runs jobs; results depend neither on the engine nor on its speed."""
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.stop()
+
+    def stop(self) -> None:
+        """End what the engine started."""
+        return
+
+    @abstractmethod
     def run(
         self,
         function: Callable[[Item], Result],
@@ -174,9 +186,9 @@ def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
 
 def record_of(result: Design | Infeasible) -> SolverRecord | None:
     """Return the solver's record of a result, if there is one."""
-    if isinstance(result, Infeasible) or result.solver is None:
-        return result.solver if isinstance(result, Infeasible) else None
-    return SolverRecord.model_validate(result.solver)
+    if isinstance(result, Infeasible):
+        return result.solver
+    return None if result.solver is None else SolverRecord.model_validate(result.solver)
 
 
 def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: ResolvedTask) -> Design | Infeasible:
@@ -255,12 +267,6 @@ class CallingProcess(Engine):
     A job that crashes or hangs takes the caller with it, so this is only for single candidates without user code.
     """
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        pass
-
     def run(
         self,
         function: Callable[[Item], Result],
@@ -295,12 +301,6 @@ class Workers(Engine):
         self.count = count
         self._pool: ProcessPool | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        self._stop()
-
     def run(
         self,
         function: Callable[[Item], Result],
@@ -315,7 +315,7 @@ class Workers(Engine):
         try:
             while time.monotonic() < until:
                 if self._pool is not None and not self._pool.active:  # it lost an idle worker, or could start none
-                    self._stop()
+                    self.stop()
                     if (breaks := breaks + 1) > 2:
                         raise WorkersLost(
                             f"{breaks} times in a row worker processes ended before they finished a job"
@@ -350,7 +350,7 @@ class Workers(Engine):
                         yield job, result
         finally:
             if running:
-                self._stop()
+                self.stop()
 
     def _start_pool(self) -> ProcessPool:
         """Return the pool, started if necessary."""
@@ -376,7 +376,8 @@ class Workers(Engine):
                 raise OSError(error.errno, error.strerror, where) from None
         return self._pool
 
-    def _stop(self) -> None:
+    def stop(self) -> None:
+        """End the worker processes."""
         if self._pool is not None:
             pool: Any = self._pool
             self._pool = None

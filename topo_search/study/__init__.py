@@ -10,13 +10,11 @@ from topo_search.study.progress import Observer, Phase, Plan, SilentObserver, Ti
 from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import (
     DEFAULT_ROUND,
-    LARGER_MARGINS,
     NO_INPUTS,
     Request,
     Sampler,
     StrategyName,
     UserInputs,
-    larger_margin,
 )
 from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single

@@ -50,22 +50,19 @@ def stored_request(path: Path, ledger: Ledger) -> Request:
     starts, trials = ledger.last_request()
     if starts < 1:
         raise BadInput(str(path), "has no run yet")
-    try:
-        return Request(
-            _read_task(path),
-            identity.symmetry,
-            starts,
-            identity.seed,
-            strategy=identity.strategy,
-            sampler=identity.sampler or "moves",
-            trials=trials,
-            round_size=identity.round_size,
-            prune=bool(identity.prune),
-            versions=ledger.versions() or installed_versions(),
-            user_inputs=identity.own or NO_INPUTS,
-        )
-    except ValueError as error:
-        raise BadInput(str(path), f"holds a run with an invalid request: {error}") from None
+    return Request(
+        _read_task(path),
+        identity.symmetry,
+        starts,
+        identity.seed,
+        strategy=identity.strategy,
+        sampler=identity.sampler or "moves",
+        trials=trials,
+        round_size=identity.round_size,
+        prune=bool(identity.prune),
+        versions=ledger.versions() or installed_versions(),
+        user_inputs=identity.own or NO_INPUTS,
+    )
 
 
 def require_same(path: Path, request: Request, ledger: Ledger) -> None:

@@ -62,7 +62,6 @@ one with another margin. `texts`: results and audits in JSON; their checksums ar
 text. `solves`: one row per solve, in order of completion, with the candidate's result after `asked` starts;
 strategies are replayed from them. `ended_...`: the request for which the strategy last finished. `files`: digests
 of all contents that the run wrote into files of its folder (`directory`)."""
-ADVICE = "choose another folder with --out, or move it away"
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -184,4 +183,4 @@ def damage(path: Path, what: str) -> BadInput:
 
 def refusal(path: Path, what: str) -> BadInput:
     """Return the error for a file that is not used, and left unchanged."""
-    return BadInput(str(path), f"{what}; it is left unchanged: {ADVICE}")
+    return BadInput(str(path), f"{what}; it is left unchanged: choose another folder with --out, or move it away")

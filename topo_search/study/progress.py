@@ -5,7 +5,7 @@
 | E | time since the phase began | s |
 | d | finished steps of the phase; a running one counts half | |
 | s | expected time of a step on all workers together | s |
-| c(n) | correction for n modules: measured over expected time, of all finished steps and T expected ones | |
+| c | correction: measured over expected time, each with that of T expected steps | |
 | T | number of steps for which the expectation is trusted | |
 
 The estimate for a step of the current phase is (E + c T s) / (d + T) seconds: the measured time and T steps as
@@ -13,8 +13,7 @@ expected. T counts steps, not seconds, so a few steps correct an expectation tha
 While steps run, the phase needs at least as long again as the time since its last step.
 
 Future phases are expected to take c times their planned time. Solves and audits have separate corrections, since a
-slow solve says nothing about audits. Between and beyond the measured sizes log c is linear in log n, so that small
-sizes predict an excess of large ones. Time counts only after each worker's first step, which loads and compiles the
+slow solve says nothing about audits. Time counts only after each worker's first step, which loads and compiles the
 solver. A time limit ends solving; audits follow it.
 
 `tests/benchmarks/time_left.py` measures the error over recorded runs.
@@ -23,10 +22,9 @@ solver. A time limit ends solving; audits follow it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from topo_search.engine import rounds
 from topo_search.model import ResolvedTask
@@ -35,7 +33,6 @@ from topo_search.study.ledger import Row
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
 
-Kind = tuple[bool, int]
 PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing", "writing"]
 
 AUDITED = 10
@@ -74,11 +71,6 @@ class Phase:
     """Expected processor time of a step [s]."""
     is_serial: bool = False
     """True if the steps run one after the other in one process."""
-
-    @property
-    def kind(self) -> Kind:
-        """Key of the measured time: whether it solves, and its number of modules."""
-        return bool(self.starts), self.n
 
     @property
     def plan_key(self) -> tuple[PhaseName, int, int]:
@@ -215,7 +207,8 @@ class TimeLeft:
         self._phase = Phase("writing", 0, 0, is_serial=True)
         self._phase_start = self._last_step = 0.0
         self._solved = self._known = 0
-        self._measured: dict[Kind, MeasuredTime] = {}
+        self._measured: dict[bool, tuple[float, float]] = {}
+        """Measured and expected time of all phases that solve, and of all others [s]."""
         self._starting_workers = 0
 
     def plan(self, plan: Plan, now: float) -> None:
@@ -250,7 +243,7 @@ class TimeLeft:
     def __call__(self, now: float) -> float:
         """Return the remaining time [s]."""
         measured = self._measure(now)
-        times = [(phase, correction(measured, phase) * duration(phase, self._workers)) for phase in self._planned]
+        times = [(phase, self._corrected(phase, measured)) for phase in self._planned]
         times.append((self._phase, self._current_phase(now)))
         solving, remainder = (
             sum(t for phase, t in times if bool(phase.starts) is solves) for solves in (True, False)
@@ -263,7 +256,7 @@ class TimeLeft:
         if not phase.steps:
             return 0.0
         steps = phase.steps - self._known
-        step = correction(self._measured, phase) * duration(phase, self._workers) / phase.steps
+        step = self._corrected(phase, self._measured) / phase.steps
         if self._is_starting:
             return max(0.0, self._phase_start + EXPECTED.startup_s - now) + step * steps
         d = self._solved + self._running_steps(steps)
@@ -278,45 +271,20 @@ class TimeLeft:
     def _is_starting(self) -> bool:
         return not self._phase.is_serial and self._starting_workers > 0
 
-    def _measure(self, now: float) -> dict[Kind, MeasuredTime]:
-        """Return the time measured for each kind of phase, including the current phase."""
+    def _corrected(self, phase: Phase, measured: dict[bool, tuple[float, float]]) -> float:
+        """Return the expected duration of a phase, times c [s]."""
+        planned = duration(phase, self._workers)
+        trusted = EXPECTED.trusted_steps * planned / max(1, phase.steps)
+        seconds, expected = measured.get(bool(phase.starts), (0.0, 0.0))
+        return planned * (seconds + trusted) / (expected + trusted) if planned else 0.0
+
+    def _measure(self, now: float) -> dict[bool, tuple[float, float]]:
+        """Return measured and expected times including those of the current phase so far."""
         phase = self._phase
         if phase.is_serial or not phase.steps or self._is_starting:
             return self._measured
         step = duration(phase, self._workers) / phase.steps
         steps = self._solved + self._running_steps(phase.steps - self._known)
-        before = self._measured.get(phase.kind, MeasuredTime(0.0, 0.0, 0.0))
-        total = MeasuredTime(
-            before.measured + now - self._phase_start, before.expected + steps * step, before.steps + steps
-        )
-        return {**self._measured, phase.kind: total}
-
-
-class MeasuredTime(NamedTuple):
-    """Time measured for one kind of phase."""
-
-    measured: float
-    """Measured time [s]."""
-    expected: float
-    """Expected time of the same steps [s]."""
-    steps: float
-
-
-def correction(times: Mapping[Kind, MeasuredTime], phase: Phase) -> float:
-    """Return c(n) from a line fitted to log c over log n of the measured sizes, each weighted by its steps."""
-    solves, n = phase.kind
-    sizes = [(m, time) for (kind, m), time in times.items() if kind is solves]
-    usable = [(math.log(m), *time) for m, time in sizes if time.steps and time.expected and time.measured > 0]
-    steps = sum(weight for *_, weight in usable)
-    if not steps:
-        return 1.0
-    T = EXPECTED.trusted_steps
-    points = [
-        (x, math.log((measured / expected * weight + T) / (weight + T)), weight)
-        for x, measured, expected, weight in usable
-    ]
-    mean_x = sum(weight * x for x, _, weight in points) / steps
-    mean_y = sum(weight * y for _, y, weight in points) / steps
-    spread = sum(weight * (x - mean_x) ** 2 for x, _, weight in points)
-    slope = sum(weight * (x - mean_x) * (y - mean_y) for x, y, weight in points) / (spread + T)
-    return math.exp(mean_y + slope * (math.log(n or 1) - mean_x) * bool(n))
+        seconds, expected = self._measured.get(bool(phase.starts), (0.0, 0.0))
+        total = seconds + now - self._phase_start, expected + steps * step
+        return {**self._measured, bool(phase.starts): total}

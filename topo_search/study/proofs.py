@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
-from topo_search.model.proof import Problem
+from topo_search.model.proof import Aim, Problem
 from topo_search.model.proven import improvement, upper_text
 from topo_search.study.ledger import AUDITED, COLUMNS, Row, figures_of
 
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
-
-EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
 
 
 class ProofState(NamedTuple):
@@ -40,14 +38,14 @@ def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState
         proof: the tree's proof, if there is one.
         best: effort of the best design of its size with a clear audit, if there is one.
     """
-    if row.status == IMPOSSIBLE:
-        return ProofState(None, None, None, IMPOSSIBLE)
+    if row.status == "impossible":
+        return ProofState(None, None, None, "impossible")
     if proof is None:
         return ProofState(None, None, None, None)
     bound = proof.cut if proof.complete else row.lower_bound
-    word = OPEN
+    word = "open"
     if proof.complete:
-        word = EXCLUDED if best is not None and proof.cut >= best else WITHIN
+        word = "excluded" if best is not None and proof.cut >= best else "within"
     gap = None
     if bound is not None and row.objective:
         gap = max(0.0, 1 - bound / row.objective)
@@ -60,7 +58,7 @@ def cells(row: Row, state: ProofState, audit: Audit | None) -> list[object]:
     return [figures[name] if name in figures else getattr(row, name) for name in COLUMNS]
 
 
-def target(row: Row, best: float, gap: float) -> tuple[str, float]:
+def target(row: Row, best: float, gap: float) -> tuple[Aim, float]:
     """Return the aim of a tree's proof and its cut.
 
     Returns:
@@ -68,8 +66,8 @@ def target(row: Row, best: float, gap: float) -> tuple[str, float]:
         that is lower.
     """
     if row.objective is not None and row.objective * (1 - gap) < best:
-        return WITHIN, row.objective * (1 - gap)
-    return EXCLUDED, best
+        return "within", row.objective * (1 - gap)
+    return "excluded", best
 
 
 def proofs_hold_for(task: ResolvedTask, other: ResolvedTask) -> bool:
@@ -117,17 +115,17 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     states = {row.key: proof_state(row, proofs.get(row.key), best.objective) for row in folder.ledger.ranking(n)}
     counts = Counter(state.proof or "not examined" for state in states.values())
     words = {
-        EXCLUDED: "cannot beat the best",
-        WITHIN: "proven to within a gap",
-        IMPOSSIBLE: "impossible",
-        OPEN: "open",
+        "excluded": "cannot beat the best",
+        "within": "proven to within a gap",
+        "impossible": "impossible",
+        "open": "open",
         "not examined": "not examined",
     }
     verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
     number, unsolved = quantity(candidates, "candidate"), candidates - len(states)
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
-    unproven = [key for key, state in states.items() if state.proof in (OPEN, None)]
+    unproven = [key for key, state in states.items() if state.proof in ("open", None)]
     unfinished = folder.unfinished_proofs(n)
     latest, incomplete = {**proofs, **unfinished}, (*unproven, *unfinished)
     stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best.objective)]
@@ -166,11 +164,11 @@ def claim_of(
     return gap, f"{subject} is {improvement(gap)}", problem(folder.request.contexts(n)[0].task, about)
 
 
-def sizes_with_best(folder: RunFolder, key: str | None, *, rule: str) -> list[tuple[int, Row, float, list[Row]]]:
+def sizes_with_best(folder: RunFolder, key: str | None) -> list[tuple[int, Row, float, list[Row]]]:
     """Return each size with a clear design: n, its best design, its effort, and all rows, or only that of `key`.
 
     Raises:
-        BadInput: no row has the key, or no size has such a design (message `rule`).
+        BadInput: no row has the key, or no size has such a design.
     """
     rows = {
         n: [row for row in folder.ledger.ranking(n) if key in (None, row.key)] for n in folder.request.task.sizes
@@ -180,7 +178,7 @@ def sizes_with_best(folder: RunFolder, key: str | None, *, rule: str) -> list[tu
     best = ((n, folder.ledger.best_clear(n)) for n in rows)
     sizes = [(n, row, row.objective, rows[n]) for n, row in best if row is not None and row.objective]
     if not sizes:
-        raise BadInput(str(folder.path), rule)
+        raise BadInput(str(folder.path), "has no audited design to prove against")
     return sizes
 
 

@@ -24,7 +24,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
-from topo_search.study.proofs import IMPOSSIBLE, claim_of, sizes_with_best, target
+from topo_search.study.proofs import claim_of, sizes_with_best, target
 from topo_search.study.request import Request
 from topo_search.study.summary import answer_of, detect_loss
 
@@ -166,12 +166,12 @@ def prove(
     until = time.monotonic() + time_limit
     with RunFolder.load(path, writes=True) as folder, detect_loss(folder):
         refuse_unprovable(folder.request, str(path))
-        sizes = sizes_with_best(folder, key, rule="has no audited design to prove against")
+        sizes = sizes_with_best(folder, key)
         open_trees = dict[int, tuple[str, ...]]()
         try:
             for n, incumbent, best, rows in sizes:
-                rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: only `--check` uses their proofs
-                impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
+                rows.sort(key=lambda row: row.status == "impossible")  # last: only `--check` uses their proofs
+                impossible = frozenset(row.key for row in rows if row.status == "impossible")
                 size = _SizeProofs(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
                 reusable_proofs = _reusable_proofs(source_run, task)
@@ -346,7 +346,8 @@ class Checked:
     @property
     def settled(self) -> bool:
         """True if every tree has a valid proof or is impossible."""
-        return not self.refused and not self.missing and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
+        has_open = any(tree.left not in (None, "impossible") for tree in self.trees)
+        return not (self.refused or self.missing or has_open)
 
 
 def check(
@@ -377,7 +378,7 @@ def check(
     checked = Checked()
     with RunFolder.load(path) as folder:
         _refuse_goals(folder.request, str(path))
-        sizes = sizes_with_best(folder, key, rule="has no audited design to prove against")
+        sizes = sizes_with_best(folder, key)
         for n, best, _, rows in sizes:
             if not rows:
                 continue
@@ -426,7 +427,7 @@ def _examine(
         tree.fault = _mismatch(proof, row.key, task)
     if tree.fault is None and (proof is None or not proof.complete):
         state = "not examined" if proof is None else "open"
-        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else state
+        tree.left = "impossible" if row.status == "impossible" else state
     if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
     tree.bound, tree.problem = proof.cut, proof.problem
@@ -507,7 +508,7 @@ def _sentence(folder: RunFolder, trees: list[CheckedTree], best: Row, candidates
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
     counts["not examined"] += candidates - len(trees)
     unproven = [f"{number} {word}" for word, number in counts.items() if number]
-    number = sum(tree.verdict == IMPOSSIBLE for tree in trees)
+    number = sum(tree.verdict == "impossible" for tree in trees)
     impossible = f", {number} recorded as impossible, which is not checked" if number else ""
     if unproven or not proven:
         return ", ".join([f"{len(checked)} of {candidates} trees checked", *unproven]) + impossible

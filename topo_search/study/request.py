@@ -291,17 +291,12 @@ LARGER_MARGINS = 3
 """Attempts to repair a design that fails its audit, each with a larger margin."""
 
 
-def larger_margin(margin: float) -> float:
-    """Return the margin to try after a design with this margin failed its audit [m]."""
-    return 10.0 * margin or 1.0e-4
-
-
 def margins(task: ResolvedTask) -> list[float]:
     """Return the ladder of margins of a task [m], its own first, in ascending order."""
     ladder = [task.search.margin]
     if not task.flight.tolerances:
         for _ in range(LARGER_MARGINS):
-            ladder.append(larger_margin(ladder[-1]))
+            ladder.append(10.0 * ladder[-1] or 1.0e-4)
         return ladder
     errors, module, n = task.tolerances, task.module, task.n
     delta, shift = math.radians(errors.hinge_angle_deg), 2 * errors.position + 2 * errors.envelope

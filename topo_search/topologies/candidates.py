@@ -251,10 +251,11 @@ class Family:
         self.n, self.symmetry, self.connectors, self.root = n, symmetry, connectors, root
         self.group = group_of(symmetry, connectors=connectors, root=root, exact=exact)
         """Turns and mirrors under which trees are equivalent."""
+        # half turns are exact, and for any port quarter turns with spin flip
         self._exact: Group = "c1" if "c1" in (self.group, exact) or root == "paper" else "c2"
 
     def candidates(self) -> Iterator[Candidate]:
-        """Yield all candidates in ascending order of keys; their orbits add up to `classes`."""
+        """Yield all candidates in ascending order of keys."""
         # aligned trees, keys `a...`, then (for any port) those with an odd kappa, keys `p...`
         families: tuple[Connectors, ...] = ("aligned",) if self.connectors == "aligned" else ("aligned", "any")
         for family in families:
@@ -267,15 +268,6 @@ class Family:
     def count(self) -> int:
         """Return the number of candidates in closed form."""
         return classes(self.n, self.group, self.connectors, self.root)
-
-    @property
-    def classes(self) -> int:
-        """Number of classes of the exact quotient, the sum of the orbits of all candidates.
-
-        Half turns are exact, and for any port quarter turns with spin flip; with the paper's root only the
-        identity.
-        """
-        return classes(self.n, self._exact, self.connectors, self.root)
 
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate of a topology; ValueError if its connectors are not allowed."""

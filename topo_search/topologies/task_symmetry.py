@@ -31,11 +31,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import LoadCase, Module, ResolvedTask
+from topo_search.model.arrays import Array
 from topo_search.model.corners import to_corners
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 from topo_search.topologies.rooted import Group, Symmetry, group_of
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
 """Largest difference of two vectors that count as equal, relative to the longer one."""

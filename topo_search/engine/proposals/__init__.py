@@ -61,6 +61,7 @@ from topo_search.engine.strategy import (
 )
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
+from topo_search.topologies import own_topology
 
 MIN_RESULTS, RESULT_DIVISOR = 8, 16
 """The sampler receives results in batches: at least MIN_RESULTS, and one in RESULT_DIVISOR of a large round."""
@@ -95,7 +96,6 @@ class OptunaSearch(Strategy):
             timed: whether there is a time limit; then the remaining starts are solved in parts.
 
         Raises:
-            ValueError: unknown sampler.
             BadInput: the factory makes no sampler; also later, if its sampler proposes no valid candidate.
         """
         super().__init__()
@@ -204,10 +204,6 @@ def _new_study(**options: Any) -> optuna.Study:
         return optuna.create_study(**options)
     finally:
         optuna.logging.set_verbosity(verbosity)
-
-
-SEEDS = 2**32
-"""Number of seeds that Optuna's samplers accept."""
 
 
 class Uniform(TreeSampler):
@@ -331,9 +327,7 @@ class UserTrees(TreeSampler):
     def _candidate_key(self, proposed: Topology | str) -> str:
         """Return the key of a proposed tree's candidate."""
         try:
-            topology = Topology.from_key(proposed) if isinstance(proposed, str) else proposed
-            if not isinstance(topology, Topology):
-                raise ValueError(f"must be a Topology or a key, but got {type(topology).__name__}")
+            topology = own_topology(proposed)
             if topology.n != self.space.n:
                 raise ValueError(f"must have {self.space.n} modules, but {topology.key} has {topology.n}")
             return self.space.candidate_of(topology).key
@@ -344,12 +338,7 @@ class UserTrees(TreeSampler):
 def sampler_of(
     sampler: str | SamplerFactory, space: Candidates, *, starts: int, seed: int, round_size: int
 ) -> TreeSampler:
-    """Return the sampler with a name, or the one that a user's factory makes.
-
-    Raises:
-        ValueError: unknown name; lists the names.
-        BadInput: the factory makes no sampler.
-    """
+    """Return the sampler with a name, or the one that a user's factory makes; BadInput if it makes none."""
     if not isinstance(sampler, str):
         made = make_user_sampler(sampler, seed)
         return UserOptunaTrees(space, seed, made) if isinstance(made, BaseSampler) else UserTrees(space, seed, made)
@@ -358,23 +347,22 @@ def sampler_of(
     if sampler == "random":
         return Uniform(space, seed)
     if sampler == "tpe":
-        return OptunaTrees(space, seed, TPESampler(n_startup_trials=HALVING.uniform_draws, seed=seed % SEEDS))
-    if sampler == "nsga2":
-        return OptunaTrees(space, seed, NSGAIISampler(population_size=HALVING.uniform_draws, seed=seed % SEEDS))
-    raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {sampler!r}")
+        return OptunaTrees(space, seed, TPESampler(n_startup_trials=HALVING.uniform_draws, seed=_seed_of(seed)))
+    return OptunaTrees(space, seed, NSGAIISampler(population_size=HALVING.uniform_draws, seed=_seed_of(seed)))
 
 
 def make_user_sampler(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
     """Return the sampler that a user's factory makes for a seed; BadInput if it is no sampler."""
     with _faults_named(factory, "", "cannot make a sampler for a seed"):
-        made = factory(seed % SEEDS)
-    if isinstance(made, BaseSampler):
+        made = factory(_seed_of(seed))
+    if isinstance(made, BaseSampler | TopologySampler):
         return made
-    if isinstance(made, TopologySampler) and not isinstance(made, type) and callable(made.propose):
-        return made
-    got = f"the class {made.__name__} itself" if isinstance(made, type) else type(made).__name__
-    rule = f"must make an Optuna sampler, or an object with `propose`, but made {got}"
+    rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
     raise BadInput("sampler", rule)
+
+
+def _seed_of(seed: int) -> int:
+    return seed % 2**32  # the seeds that Optuna's samplers accept
 
 
 @contextmanager

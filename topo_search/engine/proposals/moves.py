@@ -455,11 +455,11 @@ class Moves(TreeSampler):
             solved = (*self.ranking,)
             # The violations of trees without a design say little about their quality, and would spread the ranking
             # where there are no good trees: they are tied, unless no tree has a design.
-            by_objective = solved[0].has_design
+            by_objective = math.isfinite(solved[0].objective)
             ties = groupby(solved, key=lambda merit: merit.objective if by_objective else merit.violation)
             ranks = [rank for rank, (_, merits) in enumerate(ties) for _ in merits]
             surrogate = Surrogate(self._descriptors([merit.key for merit in solved]), ranks)
-            designs = {merit.key: rank for rank, merit in enumerate(solved) if merit.has_design}
+            designs = {merit.key: rank for rank, merit in enumerate(solved) if math.isfinite(merit.objective)}
             repeats, twins = self._repeat_options(
                 solved[surrogate.subset], surrogate.leave_one_out_bounds().tolist()
             )
@@ -516,15 +516,8 @@ def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> To
         i: the module that is cut off, with everything beyond it.
         at: (h, a), a port of a module outside the part: a free one, or the current one of module i.
         turns: increase of kappa[i] in quarter turns; an odd number flips the part's spins.
-
-    Raises:
-        ValueError: the port belongs to the part or is occupied, or i is the root.
     """
-    if not 0 < i < topology.n:
-        raise ValueError(f"`0 < i < {topology.n}` must hold, but got i = {i}")
     part = part_of(topology, i)
-    if at[0] in part:
-        raise ValueError(f"module {at[0]} is in the part of module {i}, but got at = {at}")
     shift = (at[1] - topology.joints[i][1] - turns) % 4
     order = [h for h in range(topology.n) if h not in part] + sorted(part)
     index = {old: new for new, old in enumerate(order)}
@@ -556,12 +549,7 @@ def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Mov
         topology: a tree of at least two modules.
         random: random generator.
         connectors: with `any`, half of the moves flip the parity of a joint, with or without moving its part.
-
-    Raises:
-        ValueError: there is only one module.
     """
-    if topology.n < 2:
-        raise ValueError("`n >= 2` must hold for a move, but got n = 1")
     parents = set(topology.parents)
     leaves = [i for i in range(1, topology.n) if i not in parents]
     i = random.choice(leaves) if random.random() < 0.5 else random.randrange(1, topology.n)

@@ -148,11 +148,6 @@ class Merit(NamedTuple):
     status: str
     """Status of the candidate after the trial."""
 
-    @property
-    def has_design(self) -> bool:
-        """True if there is a design."""
-        return math.isfinite(self.objective)
-
 
 def value(score: Tried) -> float:
     """Return the objective of a trial; infinite without a design."""
