@@ -74,7 +74,6 @@ def test_a_format_that_cannot_be_registered_is_refused(own, words):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"name": 5}, "name must be a text, but got 5"),
         ({"write": 5}, "write must be a function of a design, but got 5"),
         ({"suffixes": ".own"}, "suffixes must be a tuple of texts, but got '.own'"),
     ],

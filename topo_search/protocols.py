@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, Literal, Protocol
 
 from pydantic import ValidationError
@@ -119,9 +118,6 @@ class OwnConstraint:
         """Check the fields; ValueError names the rule and the value."""
         if not callable(self.expression):
             raise ValueError(f"expression must be a function of a SymbolicPlatform, but got {self.expression!r}")
-        for name, value in (("lower", self.lower), ("upper", self.upper), ("scale", self.scale)):
-            if not isinstance(value, Real) and not (name == "scale" and value is None):
-                raise ValueError(f"{name} must be a number, but got {value!r}")
         if not self.lower <= self.upper:
             raise ValueError(f"`lower <= upper` must hold, but got lower={self.lower}, upper={self.upper}")
         if not (math.isfinite(self.lower) or math.isfinite(self.upper)):
@@ -160,8 +156,5 @@ class OwnFormat:
         """Check the types of the fields; ValueError names the rule and the value."""
         if not callable(self.write):
             raise ValueError(f"write must be a function of a design, but got {self.write!r}")
-        for name, value in (("name", self.name), ("says", self.says)):
-            if not isinstance(value, str):
-                raise ValueError(f"{name} must be a text, but got {value!r}")
         if not isinstance(self.suffixes, tuple) or not all(isinstance(suffix, str) for suffix in self.suffixes):
             raise ValueError(f"suffixes must be a tuple of texts, but got {self.suffixes!r}")

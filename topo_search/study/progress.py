@@ -243,7 +243,7 @@ class TimeLeft:
     def __call__(self, now: float) -> float:
         """Return the remaining time [s]."""
         measured = self._measure(now)
-        times = [(phase, self._corrected(phase, measured)) for phase in self._planned]
+        times = [(phase, self._correct_duration(phase, measured)) for phase in self._planned]
         times.append((self._phase, self._current_phase(now)))
         solving, remainder = (
             sum(t for phase, t in times if bool(phase.starts) is solves) for solves in (True, False)
@@ -256,7 +256,7 @@ class TimeLeft:
         if not phase.steps:
             return 0.0
         steps = phase.steps - self._known
-        step = self._corrected(phase, self._measured) / phase.steps
+        step = self._correct_duration(phase, self._measured) / phase.steps
         if self._is_starting:
             return max(0.0, self._phase_start + EXPECTED.startup_s - now) + step * steps
         d = self._solved + self._running_steps(steps)
@@ -271,7 +271,7 @@ class TimeLeft:
     def _is_starting(self) -> bool:
         return not self._phase.is_serial and self._starting_workers > 0
 
-    def _corrected(self, phase: Phase, measured: dict[bool, tuple[float, float]]) -> float:
+    def _correct_duration(self, phase: Phase, measured: dict[bool, tuple[float, float]]) -> float:
         """Return the expected duration of a phase, times c [s]."""
         planned = duration(phase, self._workers)
         trusted = EXPECTED.trusted_steps * planned / max(1, phase.steps)
