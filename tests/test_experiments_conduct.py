@@ -83,14 +83,6 @@ def test_the_paper_s_root_is_tried_at_every_module_of_the_sampled_trees():
     assert {cell.resolve().search.root for cell in paper} == {"paper"}
 
 
-@pytest.mark.parametrize("name", ["scaling", "ablation"])
-def test_the_full_setting_is_the_paper_s(name):
-    full = experiment(name).full
-    assert {n for _, of in full.tasks for n in of} == set(range(10, 101, 10))
-    assert full.topologies == (50, 10)
-    assert len(experiment("scaling").full.tasks) == 4
-
-
 def test_a_cell_is_solved_and_audited_as_alone():
     settings = Settings((("push", (3,)),), (4, 4), 3, (0.2,))
     cell = next(cell for cell in planned(settings, Variant("airflow", (AIRFLOW_ALONE,))) if cell.key == "a300")
@@ -199,19 +191,8 @@ def test_a_folder_of_other_conditions_is_refused_by_their_name_and_left_as_it_is
     refused("has rows with starts 2, not 7", starts=7)
     refused('has rows with experiment "scaling", not "ablation"', name="ablation")
     assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
-    (tmp_path / "about.json").write_text("[1]")
-    refused("has rows with experiment null")
     (tmp_path / "about.json").unlink()
     refused("but no about.json")
-
-
-def test_results_of_another_program_are_left_as_they_are(tmp_path):
-    with open_record(tmp_path, "scaling", TOY, "command"):
-        pass
-    (tmp_path / "results.csv").write_text("a,b\n1,2")
-    with pytest.raises(BadInput, match="with other columns"), open_record(tmp_path, "scaling", TOY, "command"):
-        pass
-    assert (tmp_path / "results.csv").read_text() == "a,b\n1,2"
 
 
 def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch):
@@ -228,13 +209,10 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--sizes", "ten"], "must be N,..., each above 0"),
         (["--sizes", "0"], "must be N,..., each above 0"),
         (["--topologies", "1,2,3"], "must be one or two numbers, but got 3"),
-        (["--task", "push"], "must be TASK:N,N,..., each N at most 200, but got push"),
         (["--task", "push:0"], "must be TASK:N,N,..., each N at most 200, but got push:0"),
         (["--task", "pusch:3"], "nor a shipped example; did you mean `push`"),
-        (["--distances", "nan"], "must be D,..., each above 0"),
         (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
     ],
 )

@@ -5,7 +5,7 @@ from experiment_rows import frame, measured
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import experiment
 from topo_search.experiments.comparisons import tree_of
-from topo_search.experiments.paper import EXPOSURES, growth
+from topo_search.experiments.paper import growth
 from topo_search.experiments.study import roots
 
 
@@ -138,14 +138,6 @@ def test_shares_stand_in_the_figure_beside_their_problem():
     width = 0.8 / 3
     assert bars[round(0.5 * width - 0.4, 2)] == 50.0
     assert bars[round(1.5 * width - 0.4, 2)] == bars[round(1 + 1.5 * width - 0.4, 2)] == 100.0
-
-
-def test_both_methods_are_drawn_in_all_exposure_settings():
-    methods = ("topo-search", "direct")
-    rows = frame(*(measured(10, solve_s=1.0, task=task, method=method) for task in EXPOSURES for method in methods))
-    (upper, lower) = experiment("scaling").figure(rows).axes
-    assert len(upper.get_legend().get_texts()) == 8
-    assert len({(line.get_color(), line.get_marker()) for line in lower.get_lines()}) == 8
 
 
 @pytest.mark.parametrize("status", ["feasible", "infeasible"])

@@ -92,17 +92,6 @@ def test_files_read_back() -> None:
     assert [float(row["axis_z"]) for row in table] == [rotor.axis[2] for rotor in acts.rotors]
 
 
-def test_inputs_of_a_design_times_the_matrix_are_its_load_cases(solved_push: Design) -> None:
-    acts, task, n = allocation(solved_push), solved_push.task, solved_push.topology.n
-    units = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
-    p_E = np.array(solved_push.end_effector_m) - acts.com_m
-    for u, case in zip(solved_push.inputs, task.load_cases, strict=True):
-        f_E, f_C = np.array(case.at_end_effector.force), np.array(case.at_com.force)
-        tau = np.cross(p_E, f_E) + case.at_end_effector.torque + case.at_com.torque
-        off = acts.matrix @ u.ravel() - np.concatenate([f_E + f_C, tau])
-        assert np.abs(off / units).max() < 1e-6
-
-
 # ---- PX4's parameters: its matrix built from them, as its source does, is that of the platform.
 
 FRD = np.diag([1.0, -1.0, -1.0])

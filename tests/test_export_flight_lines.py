@@ -48,20 +48,8 @@ def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -
     assert not any("load factor" in line for line in flight_lines(found))
 
 
-@pytest.mark.parametrize("ratio", [1.0 - 2.3e-16, 1.0, 1.0 + 2.3e-16])
-def test_level_rotors_take_no_more_power_in_hover(ratio: float) -> None:
-    line = next(line for line in flight_lines(flight(hover_power_ratio=ratio)) if "power" in line)
-    assert "and 0 % more power" in line
-
-
-def test_a_single_module_has_no_joints_to_tell_of() -> None:
-    assert not any("joint" in line for line in flight_lines(flight(joints=())))
-
-
 def test_many_rotors_are_counted() -> None:
     lost = tuple((i, q) for i in range(3) for q in range(4))
-    line = next(line for line in flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
-    assert line.endswith("survives 0 of 12 single rotor failures, once known")
     lines = list(flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
     assert "hover with one rotor known to be dead: survives 0 of 12" in lines
     lines = list(flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))

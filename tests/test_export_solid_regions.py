@@ -190,16 +190,13 @@ def ceiling(z: float) -> dict[str, Any]:
     [
         (pipe(-0.3, 0.0), "beside"),
         (pipe(0.0, 0.05), "on"),
-        (pipe(0.0, 0.053), "on"),
         (pipe(0.0, 0.04), "inside"),
         ({"kind": "directional", "radius": 0.05, "along": "end_effector", "length": 0.3}, "inside"),
         ({"kind": "local", "radius": 0.05}, "inside"),
         (frustum(0.02), "beside"),
-        (frustum(0.0), "on"),
         (frustum(-0.02), "inside"),
         ({"kind": "exterior", "half_angle_deg": 60.0}, "on"),
         (ceiling(0.02), "beside"),
-        (ceiling(0.003), "on"),
         (ceiling(-0.01), "inside"),
     ],
 )

@@ -9,7 +9,6 @@ import pandas as pd
 import pyarrow.parquet
 import pytest
 import toy_problem
-from commands import invoke
 from toy_problem import toy_run
 from verify_cases import changed, fan
 
@@ -17,7 +16,6 @@ import verify
 from topo_search.export import audits as tables
 from topo_search.export.audits import clearances, parquet, residuals
 from topo_search.model import Audit, Residual
-from topo_search.model.files import to_json
 from topo_search.model.text import escape_formula
 from topo_search.study import COLUMNS, ledger
 from verify import audit
@@ -75,12 +73,6 @@ def test_parquet_files_of_all_runs_have_the_same_columns(tmp_path, monkeypatch) 
     assert "null" not in map(str, schema.types)
 
 
-def test_an_audit_without_pairs_is_an_empty_table(audited: Audit) -> None:
-    frame = clearances(audited.model_copy(update={"pairs": ()}))
-    assert frame.empty
-    assert tuple(frame.columns) == CLEARANCE
-
-
 def test_the_candidates_of_an_answer_are_those_of_its_file(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("TOY_NONE", "aa00")
     frame = toy_run(tmp_path / "run", modules=(2, 3)).candidates
@@ -119,15 +111,6 @@ def test_tables_of_clearances_name_files_harmlessly() -> None:
     assert [float(row["analytic_m"]) for row in rows] == frame["analytic_m"].tolist()
     numbers = pd.DataFrame({"x": [-1.5, np.nan], "n": pd.array([-1, None], dtype="Int64"), "t": ["-x", None]})
     assert tables.csv(numbers) == "x,n,t\n-1.5,-1,'-x\n,,\n"
-
-
-def test_the_audit_command_names_files_harmlessly(in_process, tmp_path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("=1+1.json", "@x.json"):
-        (tmp_path / name).write_text(to_json(fan()))
-    invoke("audit", "=1+1.json", "@x.json", "--csv", "t.csv")
-    table = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
-    assert {row["design"] for row in table} == {"'=1+1.json", "'@x.json"}
 
 
 def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:

@@ -7,18 +7,15 @@ import numpy as np
 import pytest
 from report_cases import Reader, design, toy_page
 from toy_problem import toy_row, toy_run
-from wording import says
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
 from topo_search.report import headline as module
 from topo_search.report.design_page import design_page
-from topo_search.report.design_part import cases
-from topo_search.report.headline import Compared, audit_summary, cards, fragile_margins, headline, rows_with_cards
+from topo_search.report.headline import Compared, cards, fragile_margins, headline, rows_with_cards
 from topo_search.report.page import render
 from topo_search.report.scene import closest
-from topo_search.report.wording import near_tie_cells
-from topo_search.study import Row, RunFolder
+from topo_search.study import RunFolder
 
 
 @pytest.fixture(scope="module")
@@ -97,24 +94,6 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         assert told(made, found.model_copy(update={"flight": flight}))["Side force reserve"] == expected
 
 
-def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -> None:
-    made, found = audited
-    hover = found.flight.hover.model_copy(
-        update={"possible": True, "horizontal_reserve_N": 0.106211, "load_factor": 1.0245}
-    )
-    flight = found.flight.model_copy(update={"cases": (hover,), "hinge_tolerance_deg": 0.0079366})
-    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Side force reserve"]
-    row = cases(flight).rows[0]
-    assert figure == row[4] == "0.106 N"
-    assert f"weakest side force at the tip {figure}" in flight.weakest_point
-    stated = Row(
-        "af0000", 5, 1, "feasible", asked=1, lower_bound=1.0, load_factor=1.0245, hinge_tolerance_deg=0.0079366
-    )
-    cells = near_tie_cells(stated, stated)
-    assert row[8] == cells[5] == "1.024"
-    assert cells[7] == "0.00793°"
-
-
 def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:
     made = design(Topology.from_key("af0000"), "push-two-paths")
     found = audit(made)
@@ -132,15 +111,6 @@ def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, 
         assert tile.status == status
     assert told(*audited)["Air at the tip"][1] == "by the jet model"
     assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
-
-
-def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:
-    _, found = audited
-    wrong = sum(pair.status != "clear" for pair in found.pairs)
-    wrong += sum(residual.status != "clear" for residual in found.residuals)
-    assert says(audit_summary(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
-    fine = found.model_copy(update={"verdict": "clear"})
-    assert audit_summary(fine).startswith(f"all {len(found.pairs)} clearances proven")
 
 
 # ---- Which designs of a run the page shows beside the winner, and how much they may take.
@@ -166,11 +136,6 @@ def test_other_sizes_have_their_best_three(tmp_path):
     assert rows[0] == answer.best
     assert [row.modules for row in rows].count(4) == 3
     assert len({row.key for row in rows}) == len(rows)
-
-
-def test_a_run_without_a_design_has_no_cards(tmp_path, monkeypatch):
-    monkeypatch.setenv("TOY_NONE", "*")
-    assert keys(toy_page(tmp_path / "run")) == []
 
 
 def test_cards_stop_where_the_page_would_get_large(monkeypatch):

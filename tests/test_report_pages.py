@@ -9,16 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from report_cases import Reader, design, grown, toy_page
+from report_cases import Reader, design, toy_page
 from suites import few
 from toy_problem import BOUND, infeasible, lower_bound, solve, toy_run, toy_task, value
 
 import nlp
-from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.engine import Job
-from topo_search.export import palette
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json, read_task
 from topo_search.model.proven import gap_percent
@@ -29,7 +27,7 @@ from topo_search.report.design_part import rod as rod_words
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import closest_words, scene
-from topo_search.study import Request, RunFolder, answer_of
+from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
 from topo_search.study.ledger import Row, row_of
 from topo_search.topologies import Candidate, candidates
@@ -155,34 +153,6 @@ def test_texts_of_others_stay_text(audited, nasty):
     assert " ".join(nasty.split()) in page.text
 
 
-def test_any_size_has_a_page():
-    for n in (1, 2, 9):
-        made = design(grown(n), "push-exterior-60")
-        page = Reader(render(design_page(made, audit(made), "mine.json")))
-        drawn = json.loads(page.data["view-data"])["parts"]
-        assert len(drawn) <= 30
-        assert "cone that must contain all airflow" in {part["name"] for part in drawn}
-
-
-def test_a_half_space_is_not_called_a_cone():
-    made = design(grown(2), "push-exterior-90")
-    names = {part.name for part in scene(made, platform(made))}
-    assert "half-space that must contain all airflow" in names
-    assert "cone that must contain all airflow" not in names
-
-
-def test_one_number_has_one_name(audited, tmp_path, capsys):
-    page = Reader(render(design_page(*audited, "mine.json"))).text
-    assert "control effort J" in page
-    run = Reader(toy_page(tmp_path / "run"))
-    assert "“Symmetric copies” counts" in run.text
-    assert "symmetric copies included" in run.text
-    with RunFolder.load(tmp_path / "run") as folder:
-        print(*answer_lines(answer_of(folder)), sep="\n")
-    for text in (page, run.text, capsys.readouterr().out):
-        assert not re.search(r"\b(objective|orbit|stands for)\b|(?<!control )effort", text.lower())
-
-
 def test_the_rod_and_the_blocked_connectors_are_shown(audited):
     made, verdict = audited
     sheet = verdict.assembly.end_effector
@@ -224,19 +194,7 @@ def test_a_solid_plane_is_a_wall_beside_the_platform():
     assert wall.mesh.vertices[:, 0].min() == pytest.approx(at.end_effector[0])  # it begins where the platform ends
 
 
-def luminance(colour: str) -> float:
-    """Return the relative luminance of #rrggbb (WCAG 2.2)."""
-    channels = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255
-    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
-
-
-def contrast(one: str, other: str) -> float:
-    low, high = sorted(map(luminance, (one, other)))
-    return (high + 0.05) / (low + 0.05)
-
-
-def test_only_critical_clearances_have_a_colour_and_all_can_be_read(audited):
+def test_only_critical_clearances_have_a_colour(audited):
     made, found = audited
     pair = next(pair for pair in found.pairs if pair.kind == "airflow" and (pair.a, pair.b) == (0, 1))
     changed = [
@@ -247,14 +205,8 @@ def test_only_critical_clearances_have_a_colour_and_all_can_be_read(audited):
     heat, text = figure["data"]
     assert [heat["z"][i][j] for i, j in ((0, 1), (1, 0), (0, 2), (2, 1))] == [0, 0, 1, 2]
     assert heat["z"][3][4] is None
-    assert text["textfont"]["size"] >= 11
-    places, tints = zip(text["y"], text["x"], strict=True), text["textfont"]["color"]
-    told = dict(zip(places, zip(text["text"], tints, strict=True), strict=True))
-    assert [told["0", "1"][0], told["0", "2"][0], told["1", "2"][0]] == ["10.1", "9.99", "−100"]
-    grounds = ["#ffffff", palette.TIGHT, palette.NOT_CLEAR]
-    for (i, j), ground in zip((("0", "1"), ("0", "2"), ("1", "2")), grounds, strict=True):
-        assert contrast(told[i, j][1], ground) >= 4.5
-    assert heat["showscale"] is False
+    told = dict(zip(zip(text["y"], text["x"], strict=True), text["text"], strict=True))
+    assert [told["0", "1"], told["0", "2"], told["1", "2"]] == ["10.1", "9.99", "−100"]
 
 
 def test_the_gap_of_a_design_is_computed_and_not_read_from_its_file(tmp_path):

@@ -89,13 +89,6 @@ def test_state_and_loads_are_those_of_the_centre_of_mass(wall_press: Design) -> 
     np.testing.assert_allclose(plant.state[3], 0.001 * turning, rtol=1e-3, atol=1e-9)
 
 
-def test_motors_lag(wall_press: Design) -> None:
-    plant = Plant(wall_press, ModelErrors())
-    for _ in range(50):
-        plant.step(np.ones(20), np.zeros(6), np.zeros(6))
-    np.testing.assert_allclose(plant.data.act, 1 - math.exp(-1), rtol=1e-12)
-
-
 def test_a_wall_feels_the_force_of_the_tip(wall_press: Design) -> None:
     towards = np.array([0.6, 0.8, 0.0])
     plant = Plant(wall_press, ModelErrors(), Wall(towards, 0.0))

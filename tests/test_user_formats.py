@@ -132,7 +132,7 @@ def test_an_installed_package_adds_a_format_to_the_command(solved_push, tmp_path
 @pytest.mark.parametrize(
     ("name", "place", "words"),
     [
-        ("spans", "own_code:spans", "must be an OwnFormat of this name, but is function"),
+        ("spans", "own_code:spans", "must be an OwnFormat, but got function"),
         ("gone", "no_such_module:GONE", "cannot be loaded: ModuleNotFoundError"),
     ],
 )

@@ -103,24 +103,19 @@ def formats() -> dict[str, Format]:
         BadInput: an entry point is not a format, or its name or suffix is taken.
     """
     from topo_search.model import BadInput
-    from topo_search.protocols import OwnFormat
 
     for entry in metadata.entry_points(group=GROUP):
         if entry.name in _registered:
             continue
         source = f"{GROUP}: {entry.name} = {entry.value}"
         try:
-            file_format = entry.load()
-        except Exception as error:
-            rule = f"cannot be loaded: {type(error).__name__}: {error}"
-            raise BadInput(source, rule) from error
-        if not isinstance(file_format, OwnFormat) or file_format.name != entry.name:
-            rule = f"must be an OwnFormat of this name, but is {type(file_format).__name__}"
-            raise BadInput(source, rule)
-        try:
-            register_format(file_format)
+            register_format(entry.load())
         except ValueError as error:
             raise BadInput(source, str(error)) from None
+        except Exception as error:
+            raise BadInput(source, f"cannot be loaded: {type(error).__name__}: {error}") from error
+        if entry.name not in _registered:
+            raise BadInput(source, "must be an OwnFormat of this name")
     return dict(_registered)
 
 

@@ -25,33 +25,31 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import palette
+from topo_search.export import palette, solids
 from topo_search.export import poses as geometry
 from topo_search.export.air_field import AirSurface
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
-from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Capsule, Cone, Polytope
 from verify.kinematics import Platform
 
 
-def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
+def draw(design: Design, path: str | Path) -> None:
     """Write a picture of a design.
 
     Args:
         design: any design, audited or not.
-        path: the file; its folder is created if necessary.
-        format: the kind of file; default: by the suffix.
+        path: the file, which ends in `.png` or `.svg`; its folder is created if necessary.
 
     Raises:
-        ValueError: neither `format` nor the suffix is `png` or `svg`.
+        ValueError: the file has another suffix.
         BadInput: the end-effector is too far away to be drawn to scale.
     """
     with mpl.rc_context({"font.size": 8}):
-        save(figure_of(design), path, format=format)
+        save(figure_of(design), path)
 
 
 def picture(design: Design, kind: Literal["png", "svg"], air: AirSurface | None = None) -> bytes:
@@ -149,19 +147,10 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     return entries
 
 
-def save(figure: Figure, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
-    """Write a figure.
-
-    Args:
-        figure: the figure.
-        path: the file; its folder is created if necessary.
-        format: the kind of file; default: by the suffix.
-
-    Raises:
-        ValueError: neither `format` nor the suffix is `png` or `svg`.
-    """
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure to a `.png` or `.svg` file; ValueError for another suffix."""
     path = Path(path)
-    kind = format or path.suffix.removeprefix(".").lower()
+    kind = path.suffix.removeprefix(".").lower()
     if kind not in ("png", "svg"):
         raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
     write_atomically(path, content(figure, kind))
@@ -179,16 +168,6 @@ LABEL_OFFSETS = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=l
 """Candidate offsets of a module's number from its centre, nearest first, in font sizes."""
 ARROW_SHARE = 0.5
 """Arrow length of the largest force, and of the largest torque, over the size of the platform."""
-
-SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-CUBE = np.array(
-    [
-        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
-        for axis in range(3)
-        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
-    ]
-)
-"""Faces of the cube [-1, 1]^3."""
 
 
 class Drawing:
@@ -268,10 +247,10 @@ class Drawing:
         for h, i, a, _ in self.design.topology.edges():
             joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
-        frame, rotors = frame_faces(module), rotor_faces(module)
-        faces_of_module = np.concatenate([frame, rotors])
-        faces = np.concatenate([faces_of_module @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)])
-        tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
+        frame, rotors = solids.frame(module), solids.join(solids.rotor_discs(module, sides=12))
+        triangles = np.concatenate([mesh.vertices[mesh.faces] for mesh in (frame, rotors)])
+        faces = np.concatenate([triangles @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)])
+        tints = [to_rgb(palette.MODULE)] * len(frame.faces) + [to_rgb(palette.ROTOR)] * len(rotors.faces)
         self._solid(faces, np.tile(tints, (len(poses.p), 1)))
         axes, style = 1.6 * module.arm_length * poses.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
         self.axes.quiver(*poses.p.T, *axes.T, color=palette.THRUST_AXIS, **style)
@@ -300,11 +279,8 @@ class Drawing:
         low, high = points.min(axis=0), points.max(axis=0)
         half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
         middle = (low + high) / 2
-        self.axes.set(
-            xlim=(middle[0] - half[0], middle[0] + half[0]),
-            ylim=(middle[1] - half[1], middle[1] + half[1]),
-            zlim=(middle[2] - half[2], middle[2] + half[2]),
-        )
+        limits = np.stack([middle - half, middle + half], axis=1)
+        self.axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
         self.axes.set_box_aspect(tuple(half))
         corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
         labels = np.array([1.3, 0.8])  # width and height of the axes' labels [in]
@@ -373,7 +349,7 @@ class Drawing:
         towards_light = np.array([0.27, -0.18, 0.95])
         cosine = np.abs(normals @ towards_light) / np.linalg.norm(normals, axis=1)
         tints = tints[visible] * (0.7 + 0.3 * cosine[:, None])
-        solid = Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
+        solid = Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5, zsort="min")
         self.axes.add_collection3d(solid)
 
     def _lines(self, lines: list[Array], colour: str, width: float) -> None:
@@ -401,37 +377,3 @@ def wrenches(design: Design, poses: Platform) -> list[tuple[int, bool, Array, Ar
 def _overlap(centre: Array, occupied: list[Array], size: float) -> bool:
     gaps = np.abs(np.array(occupied) - centre)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
-
-
-def frame_faces(module: Module) -> Array:
-    """Return the faces of hub and arms, or of the module's own frame: triangles with the last corner repeated."""
-    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
-    if body.frame is not None:
-        faces = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
-        nondegenerate = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
-        return np.asarray(faces[nondegenerate][:, [0, 1, 2, 2]])
-    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
-    arms = [arm @ _turn(angle).T for angle in geometry.ROTOR_ANGLES]
-    return np.concatenate([CUBE * np.array(body.hub) / 2, *arms])
-
-
-def rotor_faces(module: Module) -> Array:
-    """Return the faces of the four rotor discs."""
-    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
-    hub = np.array([module.arm_length, 0.0, 0.0])
-    return np.concatenate([disc + _turn(angle) @ hub for angle in geometry.ROTOR_ANGLES])
-
-
-def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
-    """Return the quadrilateral faces of a prism about z with an even number of sides; its ends are strips."""
-    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
-    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
-    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
-    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
-    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
-    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
-
-
-def _turn(angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

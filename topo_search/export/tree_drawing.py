@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,11 +20,9 @@ from topo_search.model.topology import PORT_NAMES, Topology
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.patches import Rectangle
 
-PLOT_SIDE = 0.44
-SVG_SIDE = 0.46
-"""Edges of a module's square."""
+SIDE = 0.46
+"""Edge of a module's square."""
 
 
 def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
@@ -63,54 +61,39 @@ def layout(topology: Topology) -> tuple[Array, list[int] | None]:
 
 
 def draw_tree(axes: Axes, design: Design) -> None:
-    """Draw the tree: a square per module with its four ports, a line per joint with its hinge angle."""
-    topology = design.topology
-    centres, turns = layout(topology)
-    flat = turns is not None
-    low, high = centres.min(axis=0), centres.max(axis=0)
-    half = np.maximum(high - low + 1, 2.5) / 2
-    size = float(np.clip(34 / half.max() / 2, 4, 8))  # of the text [pt]; squares shrink as the grid grows
-    for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
-        axes.plot(*centres[[h, i]].T, color=palette.CONNECTOR, linewidth=size / 4, zorder=1)
-        if size < 5:  # too small to read
-            continue
-        middle, angle = centres[[h, i]].mean(axis=0), f"{math.degrees(alpha):.0f}°".replace("-", "−")
-        if flat and centres[h, 1] == centres[i, 1]:
-            axes.text(middle[0], middle[1] + 0.06, angle, fontsize=0.85 * size, ha="center", va="bottom")
-        elif flat:
-            axes.text(middle[0] + 0.07, middle[1], angle, fontsize=0.85 * size, ha="left", va="center")
-        else:
-            _note(axes, middle, angle, 0.85 * size)
-            for near_end, far_end, port in ((h, i, a), (i, h, b)):
-                point = centres[near_end] + 0.33 * (centres[far_end] - centres[near_end])
-                _note(axes, point, PORT_NAMES[port], 0.75 * size, color=palette.CONNECTOR)
-    used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
-    for i, centre in enumerate(centres):
-        axes.add_patch(_rectangle(centre, PLOT_SIDE, "white", palette.MODULE, size / 4 if i == 0 else size / 8))
-        axes.text(centre[0], centre[1], str(i), fontsize=size, ha="center", va="center", zorder=5)
-        if turns is not None:
-            for port in range(4):
-                out = PORT_DIRECTIONS[(port + turns[i]) % 4, :2]
-                colour = palette.CONNECTOR if (i, port) in used else palette.FREE_PORT
-                axes.add_patch(_rectangle(centre + out * PLOT_SIDE / 2, 0.12, colour, "white", 0.5))
-            mark = centre + 0.34 * PLOT_SIDE * PORT_DIRECTIONS[turns[i], :2]
-            axes.plot(*mark, marker="o", color=palette.THRUST_AXIS, markersize=size / 3.5, zorder=6)
-    axes.set_aspect("equal")
-    x, y = (low + high) / 2
-    axes.set(xlim=(x - half[0], x + half[0]), ylim=(y - half[1], y + half[1]))
+    """Draw the tree: the shapes of `tree_svg`, without text that would be too small to read."""
+    from matplotlib.patches import Circle, Rectangle
+    from matplotlib.patheffects import withStroke
+
+    svg = _tree(design)
+    left, top, width, height = map(float, svg.attrib["viewBox"].split())
+    half = np.maximum((width, height), 2.5) / 2
+    scale = float(np.clip(85 / half.max(), 20, 40))  # points per cell; squares shrink further as the grid grows
+    halo = [withStroke(linewidth=0.08 * scale, foreground="white")]
+    for order, shape in enumerate(svg):
+        match shape.tag:
+            case "line":
+                x1, y1, x2, y2, wide = _numbers(shape, "x1", "y1", "x2", "y2", "stroke-width")
+                axes.plot([x1, x2], [-y1, -y2], color=shape.get("stroke"), linewidth=scale * wide, zorder=order)
+            case "rect":
+                x, y, side, wide = _numbers(shape, "x", "y", "width", "stroke-width")
+                colours: dict[str, Any] = {"facecolor": shape.get("fill"), "edgecolor": shape.get("stroke")}
+                axes.add_patch(Rectangle((x, -y - side), side, side, lw=scale * wide, zorder=order, **colours))
+            case "circle":
+                x, y, r = _numbers(shape, "cx", "cy", "r")
+                axes.add_patch(Circle((x, -y), r, color=shape.get("fill"), zorder=order))
+            case "text":
+                x, y, size = _numbers(shape, "x", "y", "font-size")
+                if scale * size > 3:
+                    style: Any = {"color": shape.get("fill"), "ha": "center", "va": "center", "path_effects": halo}
+                    axes.text(x, -y, str(shape.text), fontsize=scale * size, zorder=order, **style)
+    x, y = left + width / 2, -top - height / 2
+    axes.set(xlim=(x - half[0], x + half[0]), ylim=(y - half[1], y + half[1]), aspect="equal")
     axes.axis("off")
 
 
-def _rectangle(centre: Array, side: float, face: str, edge: str, width: float) -> Rectangle:
-    from matplotlib.patches import Rectangle
-
-    corner = tuple(centre - side / 2)
-    return Rectangle(corner, side, side, facecolor=face, edgecolor=edge, linewidth=width, zorder=3)
-
-
-def _note(axes: Axes, point: Array, text: str, size: float, color: str = "black") -> None:
-    box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none"}
-    axes.text(point[0], point[1], text, fontsize=size, color=color, ha="center", va="center", bbox=box, zorder=2)
+def _numbers(shape: ElementTree.Element, *names: str) -> list[float]:
+    return [float(shape.attrib[name]) for name in names]
 
 
 def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collection[int] = ()) -> str:
@@ -121,6 +104,11 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
         assembly: adds the rod's mount and blocked connectors.
         marked: modules whose mutual joints are highlighted.
     """
+    return ElementTree.tostring(_tree(design, assembly, marked), encoding="unicode")
+
+
+def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[int] = ()) -> ElementTree.Element:
+    """Return a square per module with its four ports, and a line per joint with its hinge angle."""
     topology = design.topology
     cells, turns = layout(topology)
     centres = cells * np.array([1, -1])  # y points down on a page
@@ -149,16 +137,16 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
                 _text(svg, point, PORT_NAMES[port], 0.13, palette.CONNECTOR)
     colours = _port_colours(design, assembly)
     for i, centre in enumerate(centres):
-        _square(svg, centre, SVG_SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
+        _square(svg, centre, SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
         _text(svg, centre, str(i), 0.2)
         if turns is None:
             continue
         for port in range(4):
-            port_centre = centre + SVG_SIDE / 2 * _drawn_direction(port + turns[i])
+            port_centre = centre + SIDE / 2 * _drawn_direction(port + turns[i])
             _square(svg, port_centre, 0.13, colours[i, port], palette.MODULE, 0.012)
-        x, y = centre + 0.32 * SVG_SIDE * _drawn_direction(turns[i])
+        x, y = centre + 0.32 * SIDE * _drawn_direction(turns[i])
         _add(svg, "circle", cx=x, cy=y, r=0.03, fill=palette.THRUST_AXIS)
-    return ElementTree.tostring(svg, encoding="unicode")
+    return svg
 
 
 def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, int], str]:

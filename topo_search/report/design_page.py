@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import itertools
 from collections.abc import Sequence
@@ -19,7 +18,7 @@ from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import Capability, direction
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
-from topo_search.model.value import BadInput, Fault, show
+from topo_search.model.value import BadInput, Fault, as_bad_input, show
 from topo_search.report import Figure, Table, Tile
 from topo_search.report.charts import MAX_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
@@ -108,7 +107,7 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
     if result.design != digest_of(design):
         rule = "must be the digest of this design; fly it again with --out"
         raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
-    course = _course(folder / "flight.csv", {scenario.name for scenario in result.scenarios})
+    course = _course(folder / "flight.csv")
     options = result.options
     rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
     sentences = (
@@ -134,22 +133,15 @@ def _row(scenario: ScenarioResult) -> tuple[str, ...]:
     return scenario.name, outcome, *cells, scenario.reason or ""
 
 
-def _course(path: Path, names: set[str]) -> dict[str, Array]:
+def _course(path: Path) -> dict[str, Array]:
     """Return the time series of each flight, (T, 1 + 5): time, then `COURSE`."""
-    rows: dict[str, list[list[float]]] = {}
-    reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.result_bytes)))
-    for row in reader:
-        name = row.get("scenario")
-        if name not in names:
-            rule = f"line {reader.line_num}: must be a scenario of flight.json, but got {show(name)}"
-            raise BadInput(str(path), [Fault("scenario", rule)])
-        try:
-            numbers = [float(row[column]) for column in ("time_s", *COURSE)]
-        except (KeyError, TypeError, ValueError):
-            rule = f"line {reader.line_num}: must have a number in each of time_s, {', '.join(COURSE)}"
-            raise BadInput(str(path), rule) from None
-        rows.setdefault(str(name), []).append(numbers)
-    return {name: np.array(values) for name, values in rows.items()}
+    import pandas as pd  # slow to import, and other pages do not need it
+
+    numbers = ["time_s", *COURSE]
+    with as_bad_input(str(path)):
+        text = io.StringIO(load_text(path, most_bytes=LIMITS.result_bytes))
+        rows = pd.read_csv(text, usecols=["scenario", *numbers], dtype=dict.fromkeys(numbers, "float64")).dropna()
+    return {str(name): flight[numbers].to_numpy() for name, flight in rows.groupby("scenario", sort=False)}
 
 
 def _figure(course: dict[str, Array]) -> Figure:

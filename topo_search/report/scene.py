@@ -7,21 +7,12 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
-from topo_search.export import palette
+from topo_search.export import palette, solids
 from topo_search.export.poses import azimuth_deg, cone_slant, region_words, rotation_to, shapes, towards_viewer
-from topo_search.export.solids import (
-    Mesh,
-    airflow,
-    box,
-    cone_sphere,
-    cylinder,
-    frame,
-    join,
-    region_mesh,
-    revolve,
-    rotor_discs,
-)
+from topo_search.export.solids import Mesh, cone_sphere, cylinder, join
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.module import Module
@@ -144,8 +135,8 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
     l_arm, l_c, body = module.arm_length, module.connector_distance, module.body
     hubs = l_arm * ROTOR_DIRECTIONS
     above = (body.rotor_height / 2) * UP
-    by_name = {"airflow": airflow(module, sides=sides), "modules": frame(module)}
-    by_name |= {f"rotor {q}": disc for q, disc in enumerate(rotor_discs(module, sides=sides))}
+    by_name = {"airflow": solids.airflow(module, sides=sides), "modules": solids.frame(module)}
+    by_name |= {f"rotor {q}": disc for q, disc in enumerate(solids.rotor_discs(module, sides=sides))}
     for drag, name in SPINS.items():
         turning = [
             ring(hub + above, -drag * UP, 0.7 * body.rotor_radius, 0.05 * body.rotor_radius)[0]
@@ -178,7 +169,7 @@ def _regions(design: Design, poses: Platform) -> Iterator[Part]:
         if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
             yield _wall(shape, poses)
             continue
-        surface = region_mesh(shape, cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
+        surface = solids.region_mesh(shape, cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
         if isinstance(shape, Cone):
             look = "cones", region_words(shape), 0.15
         elif solid:
@@ -195,7 +186,9 @@ def _wall(shape: Cone, poses: Platform) -> Part:
     inwards = np.array(shape.axis)
     width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
     R = rotation_to(inwards)
-    slab = box((width, width, 0.02 * width)).move(R, poses.end_effector + shape.apex - 0.01 * width * inwards)
+    slab = solids.box((width, width, 0.02 * width)).move(
+        R, poses.end_effector + shape.apex - 0.01 * width * inwards
+    )
     return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
 
 
@@ -248,12 +241,8 @@ def triangles_of(mesh: Mesh) -> dict[str, list[float]]:
     # 46 deg: adjacent sides of an octagon are shaded smoothly
     smooth = np.einsum("fx,fx->f", normals[one], normals[other]) > math.cos(math.radians(46))
     one, other = one[smooth], other[smooth]
-    parts = np.arange(len(mesh.faces))  # each triangle's smooth part, by the first triangle of the part
-    while np.any(parts[one] != parts[other]):
-        least = np.minimum(parts[one], parts[other])
-        np.minimum.at(parts, parts[one], least)
-        np.minimum.at(parts, parts[other], least)
-        parts = parts[parts]
+    adjacent = coo_array((np.ones(len(one)), (one, other)), shape=(len(mesh.faces),) * 2)
+    _, parts = connected_components(adjacent)  # each triangle's smooth part
     size = len(mesh.vertices)
     corners, faces = np.unique(parts.repeat(3) * size + mesh.faces.ravel(), return_inverse=True)
     return {"corners": mesh.vertices[corners % size].round(5).ravel().tolist(), "faces": faces.tolist()}
@@ -299,4 +288,4 @@ def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Mesh,
 
 def arrow_head(thick: float, length: float) -> Mesh:
     """Return the head of an arrow along z with a shaft of radius `thick`, from the origin."""
-    return revolve(np.array([[0.0, 0.0], [2.4 * thick, 0.0], [0.0, length]]), 10)
+    return solids.revolve(np.array([[0.0, 0.0], [2.4 * thick, 0.0], [0.0, length]]), 10)

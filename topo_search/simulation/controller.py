@@ -132,19 +132,18 @@ class Allocator:
 
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
         """Return the thrusts (N,) [N], and the missing part of the wrench (6,)."""
-        g = -self._scaled.T @ (self._scale * wrench)
-        solution = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
-        T = self.nominal.largest_thrust * np.clip(np.asarray(solution["x"]).ravel(), self.least, self.largest)
+        T = self.nominal.largest_thrust * np.clip(self._shares(self._scale * wrench), self.least, self.largest)
         return T, wrench - self.nominal.B @ T
+
+    def _shares(self, scaled: Array) -> Array:
+        """Return the thrusts over the largest, (N,), for a scaled wrench, (6,)."""
+        g = -self._scaled.T @ scaled
+        return np.asarray(self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)["x"]).ravel()
 
 
 class PseudoInverseAllocator(Allocator):
     """Allocation by the pseudo-inverse of the running rotors, clipped to the limits: PX4 with CA_METHOD 0."""
 
-    def thrusts(self, wrench: Array) -> tuple[Array, Array]:
-        """Return the thrusts (N,) [N], and the missing part of the wrench (6,)."""
-        largest_thrust = self.nominal.largest_thrust
+    def _shares(self, scaled: Array) -> Array:
         # relative to the largest, smaller singular values count as zero
-        shares = np.linalg.pinv(self._scaled * (self.largest > 0), rcond=1e-9) @ (self._scale * wrench)
-        T = largest_thrust * np.clip(shares, self.least, self.largest)
-        return T, wrench - self.nominal.B @ T
+        return np.asarray(np.linalg.pinv(self._scaled * (self.largest > 0), rcond=1e-9) @ scaled)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -87,32 +88,27 @@ class Film:
 
     def __init__(self, radius: float) -> None:
         """Start a film of a platform of the given radius [m]."""
-        self.radius = radius
+        import mujoco
+
         self.frames: list[Any] = []
+        self._plant: Plant | None = None
+        self._camera = mujoco.MjvCamera()
+        self._camera.distance, self._camera.elevation, self._camera.azimuth = 3.2 * radius, -20.0, 135.0
 
     def watch(self, name: str) -> Watch | None:
         """Return an observer that films a scenario; None if the scenario is not filmed."""
-        return self._watch() if name.startswith(("return from +x", "load case", "rotor")) else None
+        return self._film_step if name.startswith(("return from +x", "load case", "rotor")) else None
 
-    def _watch(self) -> Watch:
+    def _film_step(self, plant: Plant, t: float) -> None:
         import mujoco
         from PIL import Image
 
-        renderers: list[Any] = []
-        camera = mujoco.MjvCamera()
-        camera.distance, camera.elevation, camera.azimuth = 3.2 * self.radius, -20.0, 135.0
-        count = 0
-
-        def film_step(plant: Plant, t: float) -> None:
-            nonlocal count
-            if not renderers:
-                renderers.append(mujoco.Renderer(plant.model, HEIGHT, WIDTH))
-            if count % FRAMES_EVERY == 0:
-                renderers[0].update_scene(plant.data, camera)
-                self.frames.append(Image.fromarray(renderers[0].render()))
-            count += 1
-
-        return film_step
+        if plant is not self._plant:
+            self._plant, self._steps = plant, itertools.count()
+            self._renderer: Any = mujoco.Renderer(plant.model, HEIGHT, WIDTH)
+        if next(self._steps) % FRAMES_EVERY == 0:
+            self._renderer.update_scene(plant.data, self._camera)
+            self.frames.append(Image.fromarray(self._renderer.render()))
 
     def gif(self) -> bytes:
         """Return the film as the content of a GIF file."""

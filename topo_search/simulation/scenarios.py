@@ -103,15 +103,15 @@ def imbalance(design: Design, case: LoadCase) -> str | None:
     W, unit = task.force_unit(n), task.torque_unit(n)
     force = np.array(case.at_com.force) - [0.0, 0.0, W]
     torque = np.array(case.at_com.torque)
-    if np.abs(force).max() <= BALANCE_TOLERANCE * W and np.abs(torque).max() <= BALANCE_TOLERANCE * unit:
-        return None
     if np.abs(force).max() > BALANCE_TOLERANCE * W:
         a = ", ".join(f"{x:.2f}" for x in force / task.total_mass(n))
         return (
             "not a steady flight: the rotors' force, less the load and the weight, would accelerate "
             f"the platform by [{a}] m/s^2; to be flown, a case must carry the weight at the centre of mass"
         )
-    return "not a steady flight: nothing reacts the torque at the centre of mass"
+    if np.abs(torque).max() > BALANCE_TOLERANCE * unit:
+        return "not a steady flight: nothing reacts the torque at the centre of mass"
+    return None
 
 
 def tip_wrench(case: LoadCase) -> Array:
