@@ -2,7 +2,6 @@
 
 import copy
 import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,9 +64,7 @@ def test_a_foreign_design_is_read() -> None:
 
 
 @pytest.mark.parametrize("field", ["topology_key", "lower_bound", "gap", "solver"])
-@pytest.mark.parametrize(
-    "value", [None, "text", "\ud800", 3, float("nan"), [], {}, {"x": float("nan")}, {"x": [{}]}]
-)
+@pytest.mark.parametrize("value", ["\ud800", float("nan"), {"x": [{}]}])
 def test_an_informative_field_is_never_a_reason_to_refuse(field: str, value: Any) -> None:
     design = validate(Design, changed((field,), value), "design.json")
     assert validate(Design, json.loads(to_json(design)), "again") == design
@@ -96,13 +93,6 @@ def test_fields_of_another_program_are_ignored() -> None:
     assert validate(Design, {**DATA, "author": {"name": "x"}}, "a") == validate(Design, DATA, "b")
 
 
-def test_a_deeply_nested_solver_record_is_dropped() -> None:
-    deep: Any = {}
-    for _ in range(100_000):
-        deep = {"x": deep}
-    assert validate(Design, {**DATA, "solver": deep}, "design.json").solver is None
-
-
 def test_a_family_of_load_cases_is_drawn_again() -> None:
     task = {"name": "t", "modules": N, "load_cases": "ten-wrenches", "task_seed": 4}
     data = {**DATA, "task": task, "rotor_speeds_squared": [[1.0] * 12] * 10}
@@ -119,39 +109,23 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
     [
         (("version",), 2, "version: must be 1, but got 2"),
         (("format",), "x", 'format: must be "topo-search/design", but got "x"'),
-        (("root_module",), 1, "root_module: must be 0, but got 1"),
         # topology
         (("topology",), "a120", f'topology: {ROWS} "a120"'),
         (("topology",), [], "topology: a topology must have at least one module, but got none"),
-        (("topology", 1), [0, 0], f"topology: {ROWS} [0, 0] for module 1"),
         (("topology", 1), [0, True, 2], f"topology: {ROWS} [0, true, 2] for module 1"),
-        (("topology", 1), None, f"topology: {ROWS} null for module 1"),
-        (("topology", 0), [0, 0, 2], "topology: joint 0 must be the root's [-1, -1, -1], but got [0, 0, 2]"),
         (("topology", 1), [1, 0, 2], "topology: `0 <= parent < 1` must hold in joint 1, but got parent 1"),
-        (("topology", 2), [-1, -1, -1], "topology: `0 <= parent < 2` must hold in joint 2, but got parent -1"),
         (("topology", 2), [1, 4, 3], "topology: the parent port must be 0, 1, 2 or 3 in joint 2, but got 4"),
         (("topology", 2), [0, 0, 2], "topology: port 0 of module 0 carries one joint, but joints 1 and 2 use..."),
-        (("topology", 2), [0, 3, -1], "topology: the child port must be 0, 1, 2 or 3 in joint 2, but got -1"),
-        (("topology", 2), [1, 2, 0], "topology: port 2 of module 1 carries one joint, but joints 1 and 2 use..."),
         # counts
         (("task", "modules"), 4, "task.modules: must be the number of rows of `topology`, 3, but got 4"),
         (("task", "modules"), [3, 4], "task: `modules` must be one number here, but got [3, 4]"),
         (("hinge_angles_rad",), [0.1], "hinge_angles_rad: must have one angle per non-root module, 2, but got..."),
         (("rotor_speeds_squared",), [[1.0] * 12], "rotor_speeds_squared: must have one list per load case, 2..."),
         (("rotor_speeds_squared", 1), [1.0] * 11, "rotor_speeds_squared[1]: must have four values per module..."),
-        (("hinge_angles_rad", 1), float("nan"), "hinge_angles_rad[1]: must be a finite number, but got NaN"),
         (("rotor_speeds_squared", 0, 3), float("inf"), "rotor_speeds_squared[0][3]: must be a finite number..."),
-        (("objective",), float("nan"), "objective: must be a finite number, but got NaN"),
         (("hinge_angles_rad", 0), "0.3", 'hinge_angles_rad[0]: must be a number, but got "0.3"'),
-        (("rotor_speeds_squared", 0), 0.3, "rotor_speeds_squared[0]: must be a list, but got 0.3"),
         # the task inside
-        (("task",), 3, "task: must be a table of named fields, but got 3"),
         (("task", "gravty"), 3, "task.gravty: unknown field; did you mean `gravity`?"),
-        (
-            ("task", "load_cases", 0, "com", "force", 1),
-            None,
-            "task.load_cases[0].com.force[1]: must be a number, but got null",
-        ),
     ],
 )
 def test_a_fault_gets_one_message(path: tuple[str | int, ...], value: Any, expected: str) -> None:
@@ -189,14 +163,6 @@ def test_several_faults_are_told_at_once() -> None:
         "rotor_speeds_squared",
         "rotor_speeds_squared[0]",
     ]
-
-
-def test_nested_where_a_number_belongs(tmp_path: Path) -> None:
-    deep: Any = 0.0
-    for _ in range(100_000):
-        deep = [deep]
-    (message,) = messages({**DATA, "objective": deep})
-    assert message.startswith("objective: must be a number, but got [[[")
 
 
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)

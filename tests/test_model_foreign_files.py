@@ -9,7 +9,6 @@ import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 import trimesh
 from commands import invoke
@@ -165,16 +164,11 @@ FORMS = {
     "box.obj": BOX,
     "both.obj": obj(lambda i: f"{i - 8}/-1/-2", "# v 9 9 9", "vt 0 0", "vn 0 0 1", "usemtl red", "s off", "l 1 2"),
     "blocks.obj": obj(lambda i: f"{i - 8}") + b"\nv 9 9 9",
-    "unused.obj": b"v 9 9 9\n" + obj(lambda i: f"{i + 2}"),
-    "mixed.obj": obj(lambda i: f"{i + 1}" + ("//", "/1/", "/", "//1", "/1/1")[i % 5], "vt 0 0", "vn 0 0 1"),
     "coloured.obj": BOX.replace(b"3\nv", b"3 0.5 0.5 0.5 0 0 1\nv"),
     "continued.obj": BOX.replace(b" ", b" \\\n").replace(b"\n", b"\r\n"),
     "marked.obj": b"\xef\xbb\xbf" + BOX.replace(b" ", b"\t").replace(b"\n", b"\r\n  "),
     "twice.obj": BOX + b"\nf 1 2 4 3",
     "binary.stl": BINARY,
-    "trailing.stl": BINARY + bytes(16),
-    "unended.stl": f"solid\n{ASCII}".encode(),
-    "one-line.stl": ("solid facet " + " ".join(ASCII.split()) + " endsolid").encode(),
     "nan-normals.stl": f"solid\n{ASCII}\nendsolid".replace("normal 0 0 0", "normal -nan(ind) x").encode(),
     "latin.stl": f"solid \xfc\n{ASCII.upper()}\nendsolid \xfc".replace("\n", "\r\n").encode("latin-1"),
     "facet.STL": f"solid a facet\n{ASCII}\nendsolid a facet".encode(),
@@ -196,27 +190,16 @@ def test_a_box_reads_as_a_box_in_every_form(tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "content", "rule"),
     [
-        ("a.obj", b"v 0 0\n", 'three numbers per vertex, and numbers of vertices in every facet, but got "v 0 0"'),
         ("a.obj", BOX.replace(b"-3", b"-3,0", 1), 'but got "v -1 -2 -3,0"'),
-        ("a.obj", BOX.replace(b"-3", b"nan", 1), "must be the mesh of a body with a volume"),
-        ("a.obj", BOX + b"\nf 0 1 2", "must have corners 1 to 8, the number of vertices, in every facet"),
         ("a.obj", BOX + b"\nf 1 2 9", "must have corners 1 to 8"),
         ("a.obj", b"curv 0 1 1 2\n", "must be an OBJ of vertices and facets, but has `curv`"),
-        ("a.obj", b"\x89PNG\r\n\x1a\n", "must be the mesh of a body with a volume"),
         ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\n" + b"f 1 2 3\n" * (LIMITS.facets + 1), "at most 100,000 facets"),
         ("a.stl", b"", "must be an STL file, but has no facet"),
         ("a.stl", BINARY[:-1], "must be a whole STL file, but has 11 whole facets of 12 in its header"),
-        ("a.stl", BINARY + RECORDS, "must be a whole STL file, but has 24 whole facets of 12 in its header"),
-        ("a.stl", BINARY[:84] + np.full(150, np.nan, "<f4").tobytes(), "must be the mesh of a body with a volume"),
         (
             "a.stl",
             f"solid\n{ASCII}"[:-10].replace("endloop", "", 1).encode(),
             "but has 10 whole facets of 12 in its text",
-        ),
-        (
-            "a.stl",
-            f"solid\n{ASCII}".replace(" -3", " -3,0", 1).encode(),
-            "must have three numbers per vertex, but",
         ),
         ("a.stl", b"<!doctype html>\n<title>Sign in</title>\n" * 5, "must be an STL file, but has no facet"),
     ],

@@ -50,12 +50,6 @@ def test_no_goals_are_one_level_that_changes_nothing():
     assert task().at(Goals().levels[0]) == task()
 
 
-def test_sizes_compare_in_si():
-    asked = task(goals={"modules": True}, modules=[4, 6], load_cases=[SI])
-    assert asked.goals.names == ("modules",)
-    assert len(asked.goals.levels) == 1
-
-
 def test_levels_of_what_a_design_can_do_beyond_its_task_are_set_in_its_flight():
     asked = task(
         goals={"force_reserve": [0.1, 0.0], "rotor_out": ["all", "none"], "joint_moment": [1.5, 2.0]},

@@ -42,14 +42,8 @@ def test_a_step_means_its_multiples_and_a_list_is_turned_either_way():
     ("setting", "words"),
     [
         ("hinge_step_deg=0", "hinge_step_deg: must be at least 0.1"),
-        ("hinge_step_deg=180", "hinge_step_deg: must be at most 90"),
         ("hinge_angles_deg=[0, 180]", r"hinge_angles_deg\[1\]: must be at most 90, but got 180"),
-        ("hinge_angles_deg=[0, -30]", r"hinge_angles_deg\[1\]: must be at least 0, but got -30"),
         ("hinge_angles_deg=[30, 30]", "must differ by 0.1 deg or more"),
-        (
-            "hinge_angles_deg=[30, 0, 30.000000001]",
-            r"must differ by 0.1 deg or more, but got \[30.0, 30.000000001\]",
-        ),
         ("hinge_angles_deg=[]", "must have at least one entry"),
     ],
 )

@@ -224,12 +224,6 @@ def test_a_simplified_hull_contains_the_shape(seed: int, thin: float, most: int,
     assert excess <= np.linalg.norm(corners[:, None] - points, axis=2).min(axis=1).max() + 1e-8
 
 
-def test_few_corners_are_kept_as_they_are() -> None:
-    corners, excess = outer_hull(CUBE, 8)
-    assert sorted(corners.tolist()) == CUBE.tolist()
-    assert excess == 0
-
-
 def test_many_corners_are_simplified_and_the_excess_is_said(tmp_path: Path) -> None:
     ball = icosphere(4)
     asked = region(tmp_path, ball)

@@ -44,7 +44,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         # unknown names
         ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
         ("[module]\ngravity = 3.7", "module.gravity: unknown field; `gravity` is a field of the file, not of..."),
-        ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
         # ranges
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
         (
@@ -53,26 +52,12 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "but got 2.0: leave one of them out",
         ),
         (
-            "[module]\ntorque_to_thrust = 0.03\ntorque_coefficient = 1.06e-8",
-            "module.torque_to_thrust: must agree with torque_coefficient / thrust_coefficient, 0.02739 m, "
-            "but got 0.03: leave one of them out",
-        ),
-        (
             "[module]\nmin_input = 0.5\n[goals]\npeak_input = [0.9, 0.4]",
             "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
         ),
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
-        ("[module.airflow]\nreach = 0.05", "module.airflow: `reach > start_radius` must hold, but got reach =..."),
         ("[module.body]\ninertia = [1, 1, 3]", "module.body.inertia: no moment may exceed the sum of the..."),
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
-        (
-            "[[load_cases]]\nweight = 1e-16\ncom = { force = [0, 0, 1] }",
-            "load_cases[1].weight: must be between 1e-15 and 1e15, but got 1e-16",
-        ),
-        (
-            "[[load_cases]]\ncom = { force = [0, 0, nan] }",
-            "load_cases[1].com.force[2]: must be a finite number, but got NaN",
-        ),
         (
             "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got "a\\\\nb"',
@@ -81,44 +66,14 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
             'load_cases[2].name: must differ from that of load_cases[1], but got "push"',
         ),
-        ("[[load_cases]]\ncarries_weight = false", "load_cases[1]: must have at least one of `end_effector`..."),
-        (
-            "[[load_cases]]\nunits = 'SI'\ncarries_weight = true\n[module]\nmass = 1e15",
-            [
-                "load_cases[0]: must be at most 1e+15 N and N m, but got 1.0 weights",
-                "load_cases[1]: must be at most 1e+15 N and N m, but got 0.0 and the weight, 4.905e+16 N",
-            ],
-        ),
         (CAPSULE + "segments = []", "exposure[0].segments: must have at least one entry, but got []"),
-        (
-            CAPSULE + "segments = [1, 0, 0]\n[search]\nroot = 'free'",
-            [
-                f"exposure[0].segments[{i}]: must be a list of three numbers, but got {x}"
-                for i, x in enumerate((1, 0, 0))
-            ],
-        ),
         # types
         ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
         ("[search]\nbody_clearance = true", "search.body_clearance: must be a length or false, but got true"),
-        ("[end_effector]\nposition = 'here'", 'end_effector.position: must be "free", "com" or [x, y, z], but...'),
         ("[[exposure]]\nkind = 'locl'", f'exposure[0].kind: {KIND} "locl"'),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
-        ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
         # rules between fields
         (CAPSULE, f"exposure[0]: {FORMS} none of them"),
-        (
-            CAPSULE + "segments = [[1, 0, 0]]\npolylines = [[[0, 0, 0], [1, 0, 0]]]",
-            f"exposure[0]: {FORMS} segments and polylines",
-        ),
-        (
-            CAPSULE + "polylines = [[[1, 0, 0], [1, 0, 0], [2, 0, 0]]]",
-            "exposure[0].polylines[0]: must lead from each point to a different one, "
-            "but got [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]",
-        ),
-        (
-            CAPSULE + "segments = [[1, 0, 0]]\nalong = 'end_effector'\nlength = 1",
-            f"exposure[0]: {FORMS} segments and along and length",
-        ),
         (
             CAPSULE + "along = 'end_effector'\nlength = 1\n[end_effector]\nposition = [0, 0, 0.005]",
             "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
@@ -128,10 +83,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[search]\ninterference = 'parts'\n[tolerances]\nposition = 1e-3",
             'search.interference: must be "airflow" if clearances must survive [tolerances], which is not '
             'proven for parts, but got "parts"',
-        ),
-        (
-            "[search]\ninterference = 'separation'\nbody_clearance = 0.3",
-            'search.body_clearance: must be false or left out with interference = "separation", but got 0.3',
         ),
     ],
 )
@@ -151,8 +102,6 @@ NOT_TEN = 'task_seed: must be left out unless load_cases = "ten-wrenches", but g
             (TASK.replace("= 5", f"= {modules}"), [f"modules: {rule}"])
             for modules, rule in (
                 ("0", "must be at least 1, but got 0"),
-                ("10000", "must be at most 200, but got 10000"),
-                ("2.0", "must be a whole number, but got 2.0"),
                 ("[4, 5, 6]", "must be a whole number of modules or [fewest, most], but got [4, 5, 6]"),
                 ("[6, 4]", "`fewest <= most` must hold, but got [6, 4]"),
             )
@@ -162,18 +111,13 @@ NOT_TEN = 'task_seed: must be left out unless load_cases = "ten-wrenches", but g
             ["modules[0]: must be at least 1...", "modules[1]: must be a whole..."],
         ),
         ("", [f"{name}: {MISSING}" for name in ("name", "modules", "load_cases")]),
-        (TASK.replace('name = "t"', ""), [f"name: {MISSING}"]),
-        (TASK.replace("modules = 5", ""), [f"modules: {MISSING}"]),
         ('name = "t"\nmodules = 5\nload_cases = []', ["load_cases: must have at least one entry, but got []"]),
-        ('name = "t"\nmodules = 5\nload_cases = "ten"', ["load_cases: must be a list of load cases or..."]),
         *(
             (TASK.replace('"t"', f'"{name}"'), ["name: must be 1 to 64 letters, digits, dots, dashes and..."])
-            for name in ("", "x y", "../x", "-x", "x" * 65, "a/b", "a\\nb")
+            for name in ("", "../x", "x" * 65)
         ),
         (TEN.replace("task_seed = 0\n", ""), ["task_seed: must be given with load_cases..."]),
         ("task_seed = 4\n" + TASK, [NOT_TEN]),
-        (TEN.replace("= 0", "= -1"), ["task_seed: must be at least 0, but got -1"]),
-        (TEN.replace("= 0", "= 1.5"), ["task_seed: must be a whole number, but got 1.5"]),
         (TASK + "weight = 0.0\n", ["load_cases: must have a weight greater than 0 in at least one entry..."]),
         (TASK[: TASK.index("force") + 3], ["is not a TOML file, or only a part of one: ..."]),
     ],
@@ -191,7 +135,6 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
     ("fields", "fault"),
     [
         ({"goals": {"clearance": [1e-3, 1e-3]}}, "goals.clearance: must all be different, but got [0.001, 0.001]"),
-        ({"goals": {"peak_input": [0.5, 1.1]}}, "goals.peak_input[1]: must be at most 1, but got 1.1"),
         (
             {"goals": {"modules": True}},
             "goals.modules: needs a range of sizes, [fewest, most], but got modules = 5",
@@ -201,21 +144,14 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
             'load_cases[1].units: must be "SI" to compare efforts of several sizes, but got "weight"',
         ),
         (
-            {"goals": {"modules": True}, "modules": [4, 5], "load_cases": "ten-wrenches", "task_seed": 0},
-            'load_cases: units must be "SI" to compare efforts of several sizes, but got "weight"',
-        ),
-        (
             {"flight": {"force_reserve": 0.2}, "goals": {"force_reserve": [0.1, 0.3]}},
             "flight.force_reserve: must be left out if goals.force_reserve has levels of it, but got 0.2",
         ),
         ({"goals": {"speed": [1.0]}}, "goals.speed: needs an exposure"),
-        ({"goals": {"torque_reserve": [0.1, 1e15]}}, "flight.torque_reserve: must be at most 1e+15 N and N m"),
         *(
             ({"flight": flight}, f"flight.{fault}")
             for flight, fault in (
                 ({"force_reserve": -0.1}, "force_reserve: must be at least 0, but got -0.1"),
-                ({"tilt_deg": 91}, "tilt_deg: must be at most 90, but got 91"),
-                ({"angular_acceleration": [1, 1]}, "angular_acceleration[2]: is required"),
                 ({"force_reserve": 1e15}, "force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights"),
             )
         ),
@@ -223,14 +159,11 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
             ({"load_cases": [{"carries_weight": True, **case}]}, f"load_cases{fault}")
             for case, fault in (
                 ({"cone": {**FORCES, "axis": [0, 0, 0]}}, "[0].cone.axis: must have a direction, but got"),
-                ({"cone": {**FORCES, "half_angle_deg": 61}}, "[0].cone.half_angle_deg: must be at most 60"),
                 ({"vertices": [{"forces": [1, 0, 0]}]}, "[0].vertices[0].forces: unknown field; did you"),
-                ({"vertices": [{}] * 201}, "[0].vertices: must have at most 200 vertices, but got 201"),
                 (
                     {"vertices": [{"force": [1e-3 * k, 0, 0]} for k in range(1, 201)]},
                     ": must have at most 200 entries, corners of sets included, but got 201",
                 ),
-                ({"vertices": [{"force": [1e300, 0, 0]}]}, "[0]: must be at most 1e+15 N and N m, but"),
             )
         ),
     ],
@@ -276,9 +209,7 @@ def test_a_byte_order_mark_and_windows_line_ends_are_no_fault(tmp_path: Path) ->
     [
         ("search.margn=1", "search.margn: unknown field; did you mean `margin`?"),
         ("a..b=5", 'must be FIELD=VALUE, but got "a..b=5"'),
-        ("load_cases.3.weight=2", "load_cases.3: must be an index under 3, but got 3"),
         ("modules.0=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
-        ("modules=5\nname='x'", "modules: must be a whole number of modules or [fewest, most], but got..."),
     ],
 )
 def test_wrong_settings(setting: str, expected: str) -> None:

@@ -99,16 +99,11 @@ def test_a_rotor_better_than_ideal_is_refused_in_a_task_file_alone() -> None:
     ("case", "warned"),
     [
         ({"end_effector": {"force": [0.5, 0.0, 0.5]}}, True),
-        ({"end_effector": {"force": [0.5, 0.0, 1.0]}}, False),
-        ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.7]}}, False),
         ({"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.0, 0.0, 0.6]}}, True),
         # pressing down while hovering: the target carries a part of the weight
         ({"end_effector": {"force": [0.0, 0.0, -0.3]}, "com": {"force": [0.0, 0.0, 1.0]}}, False),
-        ({"end_effector": {"force": [0.0, 0.0, -0.3]}}, True),
         ({"units": "SI", "com": {"force": [1.0, 0.0, 7.53]}}, True),
-        ({"units": "SI", "com": {"force": [1.0, 0.0, 7.54]}}, False),  # 0.768 kg at 9.81 m/s^2: 7.534 N
         ({"units": "SI", "carries_weight": True, "end_effector": {"force": [1.0, 0.0, -2.0]}}, False),
-        ({"carries_weight": True, "com": {"force": [0.0, 0.0, -0.1]}}, True),
     ],
 )
 def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], warned: bool) -> None:
@@ -135,9 +130,6 @@ def test_a_task_in_which_nothing_hovers() -> None:
     ("fields", "path", "said"),
     [
         ({"gravity": 1.62}, "gravity", "1.62 m/s^2 is not that of the Earth's surface"),
-        ({"module": {"arm_length": 100.0}}, "module.arm_length", "is the unit right?"),
-        ({"module": {"thrust_coefficient": 3.87e-3}}, "module.thrust_coefficient", "19.5 rad/s (186 rpm)"),
-        ({"module": {"torque_coefficient": 1e-7}}, "module.torque_coefficient", "k_tau / k_f = 0.258 m"),
         ({"module": {"max_thrust_to_weight": 1.05}}, "module.max_thrust_to_weight", "produce at most 7.417 N"),
         ({"module": {"body": {"rotor_radius": 0.08}}}, "module.body.rotor_radius", "rotors of a module overlap"),
         ({"module": {"connector_distance": 0.12}}, "module.connector_distance", "rotors reach 0.121 m out"),
@@ -151,11 +143,6 @@ def test_a_task_in_which_nothing_hovers() -> None:
             "exposure[0].segments",
             "800 m is 1540 times",
         ),
-        (
-            {"exposure": [{"kind": "directional", "along": "end_effector", "length": 500.0}]},
-            "exposure[0].length",
-            "500 m is 962 times",
-        ),
         ({"load_cases": [{"com": {}}, HOVER]}, "load_cases[0]", "asks for no force and no torque"),
         ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
         ({"load_cases": [HOVER, {**PUSH_WHILE_HOVERING, "weight": 1e4}]}, "load_cases", "by a factor of 1e+04"),
@@ -166,7 +153,6 @@ def test_a_task_in_which_nothing_hovers() -> None:
             "no hinge angle is known to keep rotors clear",
         ),
         ({"search": {"margin": 0.0}}, "search.margin", "too close to zero"),
-        ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
     ],
 )
 def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
@@ -189,18 +175,13 @@ def scale(module: dict[str, Any], factors: dict[str, float]) -> dict[str, Any]:
     ("factors", "path"),
     [
         ({"mass": 1000}, "module.mass"),
-        ({"mass": 1000, "max_thrust": GRAMS_FORCE}, "module.mass"),
         ({"max_thrust": GRAMS_FORCE}, "module.max_thrust"),
         ({"thrust_coefficient": PER_RPM}, "module.thrust_coefficient"),
-        ({"thrust_coefficient": PER_RPM, "torque_coefficient": PER_RPM}, "module.thrust_coefficient"),
-        ({"thrust_coefficient": GRAMS_FORCE}, "module.thrust_coefficient"),
         ({"torque_coefficient": PER_RPM}, "module.torque_coefficient"),
         ({"arm_length": 100}, "module.arm_length"),
-        ({"connector_distance": 100}, "module.connector_distance"),
         ({"arm_length": 100, "connector_distance": 100, "body.rotor_radius": 100}, "module.arm_length"),
         ({"body.rotor_radius": 10}, "module.body.rotor_radius"),
         ({"body.inertia": 1000}, "module.body.inertia[0]"),
-        ({"body.inertia": 1e7}, "module.body.inertia[2]"),
     ],
 )
 def test_a_slip_of_units_is_told_of_any_module(module, factors, path):
@@ -219,23 +200,8 @@ def test_a_value_is_not_blamed_for_the_slip_of_another() -> None:
     [
         ({"module": {"mass": 0.716, "max_thrust": 612.0}}, "module.max_thrust", "349 times its weight"),
         ({"module": {"max_thrust_to_weight": 250.0}}, "module.max_thrust_to_weight", "is it a ratio"),
-        ({"module": {"mass": 2.4}}, "module.max_thrust_to_weight", None),
-        ({"module": {"torque_to_thrust": 16.0}}, "module.torque_to_thrust", "is it in m?"),
         ({"module": {"airflow": {"spread_angle_deg": 0.1745}}}, "module.airflow.spread_angle_deg", "(10 deg"),
-        ({"end_effector": {"mass": 48.0}}, "end_effector.mass", "48 kg is more than all 3 modules, 0.72 kg"),
         ({"end_effector": {"rod_linear_density": 45.0}}, "end_effector.rod_linear_density", "5.73e+05 kg/m^3"),
-        ({"exposure": [{"kind": "exterior", "half_angle_deg": 1.0472}]}, "exposure[0].half_angle_deg", "(60 deg"),
-        (
-            {
-                "load_cases": [
-                    {"carries_weight": True, "cone": {"axis": [1, 0, 0], "half_angle_deg": 0.35, "force": 0.1}},
-                    HOVER,
-                ]
-            },
-            "load_cases[0].cone.half_angle_deg",
-            "is it in degrees?",
-        ),
-        ({"tolerances": {"hinge_angle_deg": 0.0087}}, "tolerances.hinge_angle_deg", "(0.498 deg"),
     ],
 )
 def test_a_slip_of_units_is_told_with_its_reason(fields: dict[str, Any], path: str, said: str | None) -> None:
@@ -246,11 +212,8 @@ def test_a_slip_of_units_is_told_with_its_reason(fields: dict[str, Any], path: s
 @pytest.mark.parametrize(
     ("fields", "path"),
     [
-        ({"exposure": [{"kind": "local", "box": [40.0, 40.0, 40.0]}]}, "exposure[0].box"),
         ({"exposure": [{"kind": "directional", "radius": 15.0, "segments": [[1, 0, 0]]}]}, "exposure[0].radius"),
-        ({"exposure": [{"kind": "directional", "segments": [[1, 0, 0], [100, 0, 0]]}]}, "exposure[0].segments"),
         ({"end_effector": {"largest_reach": 20.0}}, "end_effector.largest_reach"),
-        ({"end_effector": {"position": [0.0, 20.0, 0.0]}}, "end_effector.position"),
     ],
 )
 def test_centimetres_are_told_whatever_the_number_of_modules(fields: dict[str, Any], path: str) -> None:
@@ -285,26 +248,16 @@ PANE = {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}], "speed": 1.0}
 @pytest.mark.parametrize(
     ("fields", "path"),
     [
-        ({"module": {"bracket": {"bolt_circle": 24, "bolt_diameter": 3.2}}}, "module.bracket.bolt_circle"),
         ({"module": {"bracket": {"bolt_circle": 0.24}}}, "module.bracket.bolt_circle"),
         ({"module": {"bracket": {"thickness": 4.0}}}, "module.bracket.thickness"),
-        ({"module": {"airflow": {"regions": {"reach": 1414.2}}}}, "module.airflow.regions.reach"),
         ({"search": {"body_clearance": 300.0}}, "search.body_clearance"),
-        ({"flight": {"com_error": 0.05, "tilt_deg": 10.0}}, "flight.com_error"),
-        ({"flight": {"tilt_deg": 0.1745}}, "flight.tilt_deg"),
         ({"flight": {"angular_acceleration": [0.0, 630.0, 0.0]}}, "flight.angular_acceleration"),
-        ({"tolerances": {"position": 0.05}, "flight": {"tolerances": False}}, "tolerances.position"),
-        ({"tolerances": {"envelope": 0.1}}, "tolerances.envelope"),
-        ({"goals": {"clearance": [1e-4, 0.05]}}, "goals.clearance"),
         ({"goals": {"stand_off": [0.1, 200.0]}}, "goals.stand_off"),
-        ({"goals": {"hinge_angle_deg": [0.005, 0.01]}}, "goals.hinge_angle_deg"),
         ({"search": {"hinge_angles_deg": [0.0, 0.52, 1.05]}}, "search.hinge_angles_deg"),
-        ({"exposure": [{**PANE, "speed_within": 3000.0}]}, "exposure[0].speed_within"),
         (
             {"exposure": [{**PANE, "planes": [{"normal": [2, 0, 0], "offset": 200.0}]}]},
             "exposure[0].planes[0].offset",
         ),
-        ({"end_effector": {"rod_deflection": 5.0}}, "end_effector.rod_deflection"),
     ],
 )
 def test_a_slip_of_units_is_told_of_any_length_and_angle(fields: dict[str, Any], path: str) -> None:
@@ -361,14 +314,10 @@ def test_a_rod_that_may_bend_far_is_warned_about() -> None:
         ({"flight": {"torque_reserve": 0.05}}, True),
         ({"flight": {"rotor_out": "hover"}}, True),  # by default with a torque reserve
         ({"flight": {"rotor_out": "hover", "rotor_out_torque": 0.0}}, False),
-        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"position": [0.3, 0.0, 0.0]}}, True),
         ({"goals": {"torque_reserve": [0.0, 0.05]}}, True),
-        ({"goals": {"rotor_out": ["none", "hover"]}}, True),
         ({"flight": {"force_reserve": 0.05}}, False),
         ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "included"}}, False),
         ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "ignored"}}, False),
-        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod": "none"}}, False),
-        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_linear_density": 0.0}}, False),
     ],
 )
 def test_an_ignored_rod_that_may_cost_a_required_torque_is_warned_about(

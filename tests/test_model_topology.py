@@ -104,18 +104,11 @@ def test_a_hand_made_key() -> None:
     ("key", "words"),
     [
         ("", "starts with `a` or `p`"),
-        ("b0", "starts with `a` or `p`"),
-        ("A0", "starts with `a` or `p`"),
         ("a", "ends before 1 of its modules"),
-        ("a1", "ends before 1 of its modules"),
-        ("af000", "ends before 1 of its modules"),
         ("a00", "describes 1 modules but has 2 digits"),
         ("a18", "must be under 8"),
         ("a1x", "hexadecimal"),
-        ("a1 ", "hexadecimal"),
-        ("a-1", "hexadecimal"),
         ("p10", "not canonical"),
-        ("aF0000", "not canonical"),
         ("a\u0661\u0660", "not canonical"),
     ],
 )

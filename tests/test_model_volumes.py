@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_cases import FAN, design
 
-from topo_search.model import BadInput, Design, Module
+from topo_search.model import BadInput, Design
 from topo_search.model.exposure import Local
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.shape import convex_hull
@@ -67,36 +67,21 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(tmp_pa
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        ('mesh = "none.stl"', "exposure[0].mesh: must be a file that can be read"),
         ('mesh = "case.toml"', "exposure[0].mesh: must be an .stl or .obj file"),
-        ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
-        ('mesh = "empty.stl"', "exposure[0].mesh: must be an STL file, but has no facet"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
-        ('mesh = "lines.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
-        ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "many.obj"', "exposure[0].mesh: must have at most 100 bodies, but has 101"),
         ('mesh = "cube.obj"\nscale = 0.0', "exposure[0].scale: must be greater than 0"),
-        ('mesh = "cube.obj"\nscale = -1e-3', "exposure[0].scale: must be greater than 0"),
         ('mesh = "cube.obj"\noffset = [1.0, 2.0]', "exposure[0].offset: must be a list of three numbers"),
-        ('mesh = "cube.obj"\noffset = [1e300, 0.0, 0.0]', "exposure[0].mesh: must be the mesh of a body"),
-        ("radius = 0.1\nscale = 1e-3", "exposure[0].scale: must be left out without a `mesh`"),
-        ("pieces = []", "exposure[0].pieces: must have at least one entry"),
         ("pieces = [[[0.0, 0.0, 0.0]]]", "exposure[0].pieces[0]: must span a volume"),
         ('mesh = "cube.obj"\npieces = [[[0.0, 0.0, 0.0]]]', "exposure[0]: must have one of"),
-        ("box = [1.0, 1.0]", "exposure[0].box: must be a list of three numbers"),
         ("box = [1.0, 1e-7, 1.0]", "exposure[0].box: must not be thinner than a millionth"),
-        ("box = [1.0, 0.0, 1.0]", "exposure[0].box[1]: must be greater than 0"),
         ("box = [1.0, 1.0, 1.0]\nradius = 0.2", "exposure[0]: must have one of"),
         ("vertices = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]", "exposure[0].vertices: must span a volume"),
-        ("vertices = [[0.0, 0.0, nan]]", "exposure[0].vertices[0][2]: must be a finite number"),
         ("edges = [1.0, 1.0, 1.0]", "exposure[0].edges: unknown field"),
     ],
 )
 def test_what_is_no_region_is_refused_with_the_reason(tmp_path: Path, text: str, rule: str) -> None:
-    (tmp_path / "empty.stl").write_bytes(b"solid nothing")
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n")
-    (tmp_path / "lines.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 1 2\nf 1 2 2\n")
-    (tmp_path / "far.obj").write_text("v 0 0 0\nv 1e300 0 0\nv 0 1e300 0\nv 1 1 1e999\n")
     cube = trimesh.creation.box()
     cube.export(tmp_path / "cube.obj")
     trimesh.util.concatenate([cube.copy().apply_translation([2 * k, 0, 0]) for k in range(101)]).export(
@@ -125,11 +110,3 @@ def test_a_box_has_twelve_edges_and_no_diagonals() -> None:
     lengths = np.linalg.norm(np.diff(hull.corners[hull.edges], axis=1), axis=2).ravel()
     assert sorted(lengths.round(9)) == [0.3] * 4 + [1.0] * 4 + [2.0] * 4
     assert len(hull.triangles) == 12
-
-
-@pytest.mark.parametrize(
-    ("field", "value"), [("hub", [0.08, 1e-9, 0.04]), ("rotor_height", 5e-6), ("arm_width", 20.0)]
-)
-def test_a_part_of_an_absurd_size_is_bad_input(field: str, value: object) -> None:
-    with pytest.raises(ValueError, match=r"must be between 1e-05 and 10, 0\.0001 and 100 arm lengths"):
-        Module.model_validate({"body": {field: value}})

@@ -264,13 +264,6 @@ def test_audits_state_the_air_of_every_load_case() -> None:
     assert Audit.model_validate_json(to_json(older)) == older
 
 
-def test_a_task_without_these_fields_has_the_file_that_it_had() -> None:
-    task = read_json(Design, DESIGNS / "wall-push.json").task
-    assert "air_density" not in to_json(task)
-    assert '"jet"' not in to_json(task)
-    assert '"air_density": 1.0' in to_json(task.model_copy(update={"air_density": 1.0}))
-
-
 @pytest.mark.parametrize("wake_loss", [0.0, 0.37, 0.8])
 def test_a_rotor_in_a_wake_loses_thrust(wake_loss: float) -> None:
     """The share of wake over induced speed through the lower disc; nothing for the upper or for a rotor at rest."""
@@ -352,9 +345,7 @@ def test_without_geometry_the_speed_alone_is_asked_for() -> None:
     ("fields", "words"),
     [
         ({"speed": 0.0}, "greater than 0"),
-        ({"speed": -1.0}, "greater than 0"),
         ({"geometry": False}, "`speed` must be given"),
-        ({"speed_within": 3.0}, "`speed` must be given"),
         (
             {"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]},
             "distance of every plane",

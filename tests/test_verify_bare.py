@@ -8,7 +8,7 @@ import pytest
 from commands import invoke
 
 import verify
-from topo_search import BadInput, Design, Geometry, audit, read_design, read_json, read_task, to_json
+from topo_search import Design, Geometry, audit, read_design, read_json, read_task, to_json
 from topo_search.model import Status
 from topo_search.model.files import to_geometry
 from topo_search.model.proven import TOLERANCE
@@ -82,15 +82,6 @@ def test_a_rod_that_the_task_counts_is_counted() -> None:
 
 def test_absurd_numbers_get_no_inputs() -> None:
     assert not verify.complete(to_geometry({**HOVER, "end_effector_m": [1e200, 0.0, 0.0]}, "far")).inputs.any()
-
-
-@pytest.mark.parametrize(
-    "field", ["task", "topology", "root_orientation_rad", "hinge_angles_rad", "end_effector_m"]
-)
-def test_what_a_geometry_lacks_is_named(field: str) -> None:
-    with pytest.raises(BadInput) as caught:
-        to_geometry({name: value for name, value in HOVER.items() if name != field}, "mine.json")
-    assert [str(fault) for fault in caught.value.faults] == [f"{field}: is required, but missing"]
 
 
 def test_commands_read_a_geometry(in_process, tmp_path: Path) -> None:

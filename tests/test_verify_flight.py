@@ -521,11 +521,6 @@ def by_mujoco(given: Design, holder: int, u: Array) -> list[tuple[float, float, 
 def test_an_audit_with_its_flight_is_written_and_read_again() -> None:
     found = audit(drawn(ABLE[3]))
     assert Audit.model_validate_json(found.model_dump_json()) == found
-    written = found.model_dump(mode="json")["flight"]
-    assert set(written) == {
-        *("cases", "rotors_out_hover", "rotors_out_all", "joints", "hinge_tolerance_deg", "hover_input"),
-        *("hover_power_ratio", "rod_length_m", "rod_mass_share", "span_m"),
-    }
     assert Audit.model_validate({**found.model_dump(mode="json"), "flight": None}).flight is None
 
 

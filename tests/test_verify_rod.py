@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from verify_cases import FAN, changed, design, fan, unit
+from verify_cases import changed, design, fan, unit
 
 from topo_search.model import BadInput, Design, Mount, Status, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
@@ -178,7 +178,3 @@ def test_turning_the_platform_as_a_whole_turns_the_rod_with_it():
         one, other = connectors(given), connectors(turned)
         assert [c.length_m for c in other] == pytest.approx([c.length_m for c in one], rel=1e-9)
         assert {(c.module, c.port, c.blocked_by) for c in other} == {(c.module, c.port, c.blocked_by) for c in one}
-
-
-def test_free_connectors_are_those_without_a_joint():
-    assert FAN.free_connectors == ((0, 1), (0, 3), (1, 0), (1, 1), (1, 3), (2, 1), (2, 2), (2, 3))

@@ -12,7 +12,6 @@ import inspect
 import json
 import os
 import re
-import reprlib
 import sys
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
@@ -115,10 +114,7 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
 
 def show(value: Any) -> str:
     """Return a value as a file would write it, in one line of at most 80 characters."""
-    try:
-        text = json.dumps(value, default=str)
-    except RecursionError:
-        text = reprlib.repr(value)
+    text = json.dumps(value, default=str)
     return text if len(text) <= 80 else text[:77] + "..."
 
 
