@@ -126,20 +126,6 @@ def test_trees_with_wrenches_of_their_own_have_no_best():
     assert table.loc["com", "effort_ratio_median"] == pytest.approx(1.2)
 
 
-def test_shares_stand_in_the_figure_beside_their_problem():
-    rows = frame(
-        push("a300", "free", 10.0, 0.1),
-        push("a500", "free"),
-        push("a300", "com", 11.0, 0.2),
-        measured(6, task="push", variant="com", objective=3.0, gap=0.1),
-    )
-    _, shares = experiment("placement").figure(rows).axes
-    bars = {round(bar.get_x() + bar.get_width() / 2, 2): bar.get_height() for bar in shares.patches}
-    width = 0.8 / 3
-    assert bars[round(0.5 * width - 0.4, 2)] == 50.0
-    assert bars[round(1.5 * width - 0.4, 2)] == bars[round(1 + 1.5 * width - 0.4, 2)] == 100.0
-
-
 @pytest.mark.parametrize("status", ["feasible", "infeasible"])
 @pytest.mark.parametrize("name", NAMES)
 def test_figures_have_titles_axes_and_units_even_without_designs(name, status):

@@ -2,13 +2,11 @@
 
 import csv
 import io
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet
 import pytest
-import toy_problem
 from toy_problem import toy_run
 from verify_cases import changed, fan
 
@@ -17,7 +15,7 @@ from topo_search.export import audits as tables
 from topo_search.export.audits import clearances, parquet, residuals
 from topo_search.model import Audit, Residual
 from topo_search.model.text import escape_formula
-from topo_search.study import COLUMNS, ledger
+from topo_search.study import COLUMNS
 from verify import audit
 
 CLEARANCE = ("kind", "a", "b", "segment", "status", "lower_m", "upper_m", "analytic_m", "level", "percent")
@@ -111,16 +109,3 @@ def test_tables_of_clearances_name_files_harmlessly() -> None:
     assert [float(row["analytic_m"]) for row in rows] == frame["analytic_m"].tolist()
     numbers = pd.DataFrame({"x": [-1.5, np.nan], "n": pd.array([-1, None], dtype="Int64"), "t": ["-x", None]})
     assert tables.csv(numbers) == "x,n,t\n-1.5,-1,'-x\n,,\n"
-
-
-def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
-    ranked = ledger.Ledger.ranking
-
-    def hostile(self, n):
-        return [replace(row, worst_constraint="=1+1", unit="@x") for row in ranked(self, n)]
-
-    monkeypatch.setattr(ledger.Ledger, "ranking", hostile)
-    toy_problem.toy_run(tmp_path / "run", modules=2)
-    rows = list(csv.DictReader((tmp_path / "run" / "candidates.csv").read_text().splitlines()))
-    assert tuple(rows[0]) == COLUMNS
-    assert {(row["worst_constraint"], row["unit"]) for row in rows} == {("'=1+1", "'@x")}

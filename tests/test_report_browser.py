@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
-from report_cases import design, flown, grown, toy_page
+from report_cases import design, grown, toy_page
 from toy_problem import BACKENDS
 from verify_cases import design as solved
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.model.files import read_json
-from topo_search.report.design_page import design_page, read_simulated
+from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from verify.air.bound import case_jets
 from verify.air.jets import speeds
@@ -449,13 +449,6 @@ def test_the_ranking_fits_and_shows_more_columns_on_demand(opened: Open, tmp_pat
         page.uncheck("#every")
 
 
-def test_the_first_screen_of_a_phone_has_answer_figures_and_platform(opened: Open, five: str) -> None:
-    page = opened(five, width=390)
-    for part in (".answer", ".pair > .tiles", "#view"):
-        box = page.locator(part).first.bounding_box()
-        assert box["y"] + box["height"] <= 900, part
-
-
 def test_a_page_without_a_design_says_what_to_relax(opened, tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = opened(toy_page(tmp_path / "run", modules=3, starts=2))
@@ -531,15 +524,3 @@ def test_without_webgl_the_rest_of_the_page_works(launched, tmp_path, five):
         page.wait_for_selector("#inputs .main-svg")
         assert "WebGL" in page.locator("#view").inner_text()
         assert page.locator("#view svg").is_visible()
-
-
-def test_flights_follow_the_look_of_the_page(opened: Open, tmp_path: Path) -> None:
-    made = design(Topology.from_key("a0"))
-    part = read_simulated(flown(made, tmp_path / "flight"), made)
-    page = opened(render(design_page(made, audit(made), "mine.json", part)), width=360)
-    page.emulate_media(color_scheme="dark")
-    until(page, "document.getElementById('simulated-course').layout.font.color === '#e8eaed'")
-    assert page.locator("#simulated .scatterlayer .js-line").count() == 3
-    assert page.evaluate("document.documentElement.scrollWidth") == 360
-    violations = Axe().run(page, "#simulated").response["violations"]
-    assert [one["id"] for one in violations] == []

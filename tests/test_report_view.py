@@ -145,17 +145,12 @@ def test_many_load_cases_are_a_list(number: int, listed: bool) -> None:
     assert ("<select data-cases" in render(design_page(made, audit(made), "mine.json"))) == listed
 
 
-def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: tuple[Design, Audit]) -> None:
+def test_a_push_while_hovering_has_its_contact_plane_across_the_force() -> None:
+    tip = Wrench(force=(2.0, 0.0, 0.0))
+    weight = Wrench(force=(0.0, 0.0, random_design(Topology.from_key("a300"), "push").task.force_unit(3)))
     made = with_cases(
-        LoadCase(units="SI", name="push", carries_weight=True, end_effector=Wrench(force=(2.0, 0.0, 0.0))).to_si(
-            1.0, 1.0
-        ),
-        LoadCase(units="SI", end_effector=Wrench(force=(2.0, 0.0, 0.0))),
+        LoadCase(units="SI", name="push", end_effector=tip, com=weight), LoadCase(units="SI", end_effector=tip)
     )
-    weight = made.task.force_unit(made.topology.n)
-    carried = made.task.load_cases[0].model_copy(update={"com": Wrench(force=(0.0, 0.0, weight))})
-    cases = (carried, *made.task.load_cases[1:])
-    made = made.model_copy(update={"task": made.task.model_copy(update={"load_cases": cases})})
     at = platform(made)
     push, other = arrows(made, at)
     assert push["name"] == "load case 0 (push)"

@@ -192,18 +192,6 @@ def bracket(sizes: Bracket, phi: float) -> Trimesh:
     return _mesh(solid)
 
 
-def bolt_positions(sizes: Bracket) -> Array:
-    """Return the bolt positions of a flange in its plane, (4, 2): y and z [m]."""
-    s = sizes.bolt_circle / 2 / math.sqrt(2)
-    return np.array([[s, s], [-s, s], [-s, -s], [s, -s]])
-
-
-def mark_positions(sizes: Bracket, marks: int) -> Array:
-    """Return the positions of a flange's mark holes in its plane, (marks, 2): y and z [m]."""
-    apart = sizes.bolt_diameter
-    return np.array([[(k - (marks - 1) / 2) * apart, sizes.bolt_circle / 2] for k in range(marks)])
-
-
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     """Return a flange with a socket for a rod from c along v, with a clamp at the socket's end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
@@ -251,8 +239,9 @@ def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Mani
 
 def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
     """Return the bolt and mark holes through a flange from x to x + t."""
-    circles = [(centre, sizes.bolt_diameter / 2) for centre in bolt_positions(sizes)]
-    circles += [(centre, sizes.bolt_diameter / 4) for centre in mark_positions(sizes, marks)]
+    s, apart = sizes.bolt_circle / 2 / math.sqrt(2), sizes.bolt_diameter
+    circles = [(centre, apart / 2) for centre in ((s, s), (-s, s), (-s, -s), (s, -s))]
+    circles += [(((k - (marks - 1) / 2) * apart, sizes.bolt_circle / 2), apart / 4) for k in range(marks)]
     holes = []
     for (y, z), radius in circles:
         hole = Manifold.cylinder(t + 2.0, MILLIMETRES * radius, circular_segments=SIDES)

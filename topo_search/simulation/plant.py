@@ -228,5 +228,4 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         pose = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
         contact = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
         SubElement(next(root.iter("worldbody")), "geom", {"name": "wall", **shape, **pose, **contact})
-    SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")
