@@ -25,9 +25,7 @@ from topo_search.export.brackets import (
     printed_parts,
     struts,
 )
-from topo_search.export.mjcf import mjcf
 from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
-from topo_search.export.urdf import urdf
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import read_json
@@ -278,15 +276,3 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
         ["0", "1", "2", "E", "+"],
         ["0", "1", "2", "E", "+"],
     ]
-
-
-def test_rotors_have_one_number_everywhere() -> None:
-    names = [f"module_{i}_rotor_{q}" for i in range(3) for q in range(4)]
-    assert [one.name for one in allocation(DESIGN).rotors] == names
-    assert [(one.module, one.rotor) for one in allocation(DESIGN).rotors] == [
-        (i, q) for i in range(3) for q in range(4)
-    ]
-    model, robot = ElementTree.fromstring(mjcf(DESIGN)), ElementTree.fromstring(urdf(DESIGN))
-    assert [motor.get("name") for motor in model.findall("actuator/general")] == names
-    links = [str(link.get("name")) for link in robot.findall("link")]
-    assert [name for name in links if "rotor" in name] == names

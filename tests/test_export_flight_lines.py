@@ -1,7 +1,5 @@
 """Lines on reserves and failures, in the audit's text and on the page."""
 
-import math
-
 import pytest
 from report_cases import Reader, flight
 from verify_cases import fan
@@ -10,7 +8,6 @@ from wording import says
 from topo_search.cli.tables import audit_lines
 from topo_search.export.audits import flight_lines
 from topo_search.model import CaseFlight, RotorsOut
-from topo_search.model.flight import direction
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from verify import audit
@@ -54,19 +51,6 @@ def test_many_rotors_are_counted() -> None:
     assert "hover with one rotor known to be dead: survives 0 of 12" in lines
     lines = list(flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))
     assert any(line.endswith("survives 0 of 12, undecided 12 rotors") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("v", "words"),
-    [
-        ((0.0, 0.0, 1.0), "+z"),
-        ((-2.0, 0.0, 0.0), "-x"),
-        ((0.01, -1.0, 0.0), "-y"),
-        ((math.sin(0.05), math.cos(0.05), 0.0), "[0.05, 1.00, 0.00]"),
-    ],
-)
-def test_a_direction_is_an_axis_or_a_vector(v: tuple[float, float, float], words: str) -> None:
-    assert direction(v) == words
 
 
 def test_text_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,10 +23,9 @@ from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
-from topo_search.report.design_part import rod as rod_words
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
-from topo_search.report.scene import closest_words, scene
+from topo_search.report.scene import scene
 from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
 from topo_search.study.ledger import Row, row_of
@@ -52,14 +51,6 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     assert json.loads(page.data["view-data"])["parts"]
     for part in ("inputs", "progress-2", "progress-3"):
         assert json.loads(page.data[f"{part}-data"])["data"]
-
-
-@pytest.mark.parametrize(
-    ("rod", "said"), [("none", "The task has no rod; the end-effector could sit on"), ("straight", "sits on")]
-)
-def test_only_a_required_rod_carries_the_end_effector(audited, rod, said):
-    made = design(Topology.from_key("af0000"), "push-two-paths", f"end_effector.rod={rod}")
-    assert said in rod_words(made, audited[1])
 
 
 def test_only_several_audited_designs_have_a_plot_to_choose_from(tmp_path):
@@ -174,16 +165,6 @@ def test_the_mark_is_where_the_audit_says(audited):
         assert np.linalg.norm(mark.mesh.vertices - end, axis=1).min() == pytest.approx(radius / 4, rel=0.02)
     without = pair.model_copy(update={"closest_m": None})  # as in files of programs that do not tell
     assert "closest" not in {part.kind for part in scene(made, platform(made), without)}
-
-
-def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
-    _, verdict = audited
-    for kind, told in (
-        ("airflow", "1 mm, airflow"),
-        ("separation", "1 mm beyond the required distance, separation"),
-    ):
-        pair = next(pair for pair in verdict.pairs if pair.kind == kind).model_copy(update={"analytic_m": 1e-3})
-        assert closest_words(pair).startswith(f"The closest pair: {told} of modules")
 
 
 def test_a_solid_plane_is_a_wall_beside_the_platform():

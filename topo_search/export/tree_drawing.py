@@ -65,7 +65,7 @@ def draw_tree(axes: Axes, design: Design) -> None:
     from matplotlib.patches import Circle, Rectangle
     from matplotlib.patheffects import withStroke
 
-    svg = _tree(design)
+    svg = _tree(design, None, ())
     left, top, width, height = map(float, svg.attrib["viewBox"].split())
     half = np.maximum((width, height), 2.5) / 2
     scale = float(np.clip(85 / half.max(), 20, 40))  # points per cell; squares shrink further as the grid grows
@@ -137,13 +137,13 @@ def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[i
                 _text(svg, point, PORT_NAMES[port], 0.13, palette.CONNECTOR)
     colours = _port_colours(design, assembly)
     for i, centre in enumerate(centres):
-        _square(svg, centre, SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
+        _square(svg, centre, SIDE, "#ffffff", 0.05 if i == 0 else 0.025)
         _text(svg, centre, str(i), 0.2)
         if turns is None:
             continue
         for port in range(4):
             port_centre = centre + SIDE / 2 * _drawn_direction(port + turns[i])
-            _square(svg, port_centre, 0.13, colours[i, port], palette.MODULE, 0.012)
+            _square(svg, port_centre, 0.13, colours[i, port], 0.012)
         x, y = centre + 0.32 * SIDE * _drawn_direction(turns[i])
         _add(svg, "circle", cx=x, cy=y, r=0.03, fill=palette.THRUST_AXIS)
     return svg
@@ -172,11 +172,9 @@ def _add(svg: ElementTree.Element, name: str, **attributes: object) -> ElementTr
     return ElementTree.SubElement(svg, name, texts)
 
 
-def _square(
-    svg: ElementTree.Element, centre: Array, side: float, fill: str, stroke: str, stroke_width: float
-) -> None:
+def _square(svg: ElementTree.Element, centre: Array, side: float, fill: str, edge: float) -> None:
     x, y = centre - side / 2
-    _add(svg, "rect", x=x, y=y, width=side, height=side, fill=fill, stroke=stroke, stroke_width=stroke_width)
+    _add(svg, "rect", x=x, y=y, width=side, height=side, fill=fill, stroke=palette.MODULE, stroke_width=edge)
 
 
 def _text(svg: ElementTree.Element, point: Array, text: str, size: float, fill: str = "#000000") -> None:

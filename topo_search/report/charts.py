@@ -14,9 +14,9 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
-from topo_search.model.proven import at_least, at_most, upper_text
+from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.report import PLOTLY_LAYOUT, Figure
-from topo_search.report.wording import clearance, figures, length, millimetres, modules
+from topo_search.report.wording import clearance, figures, length, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
 if TYPE_CHECKING:
@@ -76,7 +76,8 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
         upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
         hover[i][j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
-        cell_texts.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
+        millimetres = lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
+        cell_texts.append((columns[j], str(i), millimetres, palette.IN_CELLS[level]))
     heat = {
         "type": "heatmap",
         "z": levels,

@@ -40,7 +40,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
     task = design.task
     gap = design.gap if audit.verdict == Status.CLEAR else None  # only the effort of a clear design counts
     return {
-        "title": title(task.name, task.n),
+        "title": f"{task.name}: {modules(task.n)}",
         "key": design.topology.key,
         "answer": "This report covers one design, not a search.",
         "tiles": tuple(headline(design, audit, gap, "in this design")),
@@ -53,11 +53,6 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "reproduction": _reproduction(design, audit, file),
         "simulated": simulated,
     }
-
-
-def title(name: str, n: int) -> str:
-    """Return the title of a page: task and size."""
-    return f"{name}: {modules(n)}"
 
 
 def bound(lower_bound: float | None, gap: float | None, task: ResolvedTask) -> tuple[str, ...]:

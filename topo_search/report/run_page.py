@@ -12,7 +12,7 @@ from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
-from topo_search.report.design_page import bound, title
+from topo_search.report.design_page import bound
 from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, rounded_down, sentence
@@ -64,7 +64,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
         tiles = (*headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None),)
     return {
-        "title": title(request.task.name, n),
+        "title": f"{request.task.name}: {modules(n)}",
         "key": shown.key if shown else None,
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,

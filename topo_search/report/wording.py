@@ -51,13 +51,6 @@ def clearance(pair: Clearance) -> str:
     return length(at_least(pair.analytic_m, 3))
 
 
-def millimetres(pair: Clearance) -> str:
-    """Return a clearance in millimetres without the unit, rounded down."""
-    from topo_search.model.proven import lower_text
-
-    return lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
-
-
 def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
     """Return a design's cells of the table of near ties; proven figures are rounded to the safe side."""
     from topo_search.model.proven import at_most
