@@ -13,7 +13,7 @@ from topo_search.model import Module, Status, Topology
 from verify import audit, kinematics
 from verify.compounds import Compound, certify_compounds, proximities
 from verify.convex import Cylinder, Polyhedron, SweptBall, box, capsule, cylinder
-from verify.gjk import cores, nearest
+from verify.gjk import Nearest, cores, nearest
 from verify.hulls import hull
 from verify.parts import bounding_box, module_parts
 from verify.requirements import Scene
@@ -162,6 +162,26 @@ def test_the_clearance_of_unions_is_the_least_of_their_parts():
         each = [certificate(a, b) for a in sides[0].parts for b in sides[1].parts]
         assert whole.analytic == pytest.approx(min(c.analytic for c in each), abs=1e-8)
         assert whole.lower == pytest.approx(min(c.lower for c in each), abs=1e-8)
+
+
+def test_a_search_that_ends_early_proves_no_more_than_its_planes(monkeypatch):
+    """Points that are not nearest claim too much; the gap between planes across them is true all the same."""
+
+    def ends_early(A, B, towards, enough=np.inf):
+        x_A, x_B = A.support(towards), B.support(-towards)
+        return Nearest(x_A, x_B, x_A - x_B, np.zeros(len(towards), dtype=bool))
+
+    rng, claims = np.random.default_rng(6), 0
+    for _ in range(15):
+        A = random_solid(rng).place(rotation(rng), ORIGIN)
+        B = random_solid(rng).place(rotation(rng), rng.uniform(2.0, 4.0) * unit(rng))
+        true = certificate(A, B).upper
+        with monkeypatch.context() as patched:
+            patched.setattr("verify.compounds.nearest", ends_early)
+            found = certificate(A, B)
+        claims += found.analytic > true + 1e-3
+        assert found.lower is None or found.lower <= true + 1e-12
+    assert claims > 5
 
 
 def test_bounds_hold_the_parts():
