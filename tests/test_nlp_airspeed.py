@@ -210,3 +210,15 @@ def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: 
         share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
         design = as_design(replace(point, u=u / share))
         assert air(Scene(design, platform(design))).cases[0].regions[0].speed_at_most_m_s >= least
+
+
+def test_rotors_at_full_thrust_draw_in_little_more_air_far_away_than_is_proven() -> None:
+    case, tip = {"com": {"force": [0.0, 0.0, 2.08]}}, {"position": [3.0, 0.0, 0.0], "largest_reach": False}
+    region = {"kind": "local", "radius": 0.01, "speed": 1e-6}
+    task = push(1, load_cases=[case], exposure=[region], end_effector=tip)
+    least = prove_impossible(task).violation + 1e-6
+    rng = np.random.default_rng(0)
+    point = random_point(task, random_tree(1, rng), rng)
+    u = 2.08 * task.force_unit(1) / task.module.thrust_coefficient / 4
+    design = as_design(replace(point, root=np.zeros(3), u=np.full((1, 1, 4), u)))
+    assert least <= air(Scene(design, platform(design))).cases[0].regions[0].speed_at_most_m_s <= 1.2 * least

@@ -10,6 +10,7 @@ from suites import few
 
 from nlp import solve
 from nlp.bounds import prove_impossible
+from nlp.bounds.reach import _displacements, _poses
 from nlp.evaluation import violations, worst
 from nlp.reduced import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
@@ -148,6 +149,23 @@ def test_the_proof_is_sharp():
         for reach, possible in ((0.4 + 1e-5, True), (0.4 - 1e-5, False)):
             found = prove_impossible(hover(n, end_effector={"position": [p_E, 0, 0], "largest_reach": reach}))
             assert (found is None or found.worst_constraint != ROD) == possible
+
+
+@pytest.mark.parametrize("turns", [(), (2,), (1, 3), (2, 1, 2)])
+@pytest.mark.parametrize("length", [0.0, 0.1, 1.2])
+def test_distances_change_by_no_more_than_a_box_of_hinge_angles_allows(turns, length):
+    """Distances of points of two modules' axes, at corners of boxes of hinge angles against their middles."""
+    rng, l_c, hinges = np.random.default_rng(8), 0.15, len(turns) + 1
+    pairs, h = np.array(np.triu_indices(hinges + 1, 1)), rng.uniform(0.01, 0.3, hinges)
+    middle = rng.uniform(-1.5, 1.5, (400, hinges))
+    depths = length * rng.uniform(0, 1, (hinges + 1, 400, 1)).round()
+    distances = []
+    for alpha in (middle, middle + h * rng.choice([-1.0, 1.0], middle.shape)):
+        z, p = _poses(turns, alpha, l_c)
+        x = p - depths * z
+        distances.append(np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=2))
+    changes = np.abs(distances[1] - distances[0])
+    assert np.all(changes <= _displacements(pairs, h, l_c, length) + 1e-12)
 
 
 def beside_a_deck(reach):
