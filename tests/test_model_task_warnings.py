@@ -16,7 +16,7 @@ from topo_search.model.files import examples, read_task
 from topo_search.model.task_warnings import USUAL, USUAL_AT_TARGET, task_warnings
 from topo_search.model.value import _models_in
 
-# Modules as they are sold: a nano quadrotor, one with 8-inch propellers, one that lifts itself and 15 kg.
+# Modules as they are sold: a nano quadrotor, and one that lifts itself and 15 kg.
 NANO = {
     "mass": 0.027,
     "arm_length": 0.0397,
@@ -31,15 +31,6 @@ NANO = {
         "hub": [0.03, 0.03, 0.02],
         "inertia": [1.4e-5, 1.4e-5, 2.17e-5],
     },
-}
-INCHES_EIGHT = {
-    "mass": 0.5,
-    "arm_length": 0.17,
-    "connector_distance": 0.25,
-    "thrust_coefficient": 5.57e-6,
-    "torque_coefficient": 1.3e-7,
-    "max_thrust": 5.0,
-    "body": {"rotor_radius": 0.1016, "inertia": [2.32e-3, 2.32e-3, 4e-3]},
 }
 HEAVY = {
     "mass": 9.5,
@@ -170,7 +161,7 @@ def scale(module: dict[str, Any], factors: dict[str, float]) -> dict[str, Any]:
     return changed
 
 
-@pytest.mark.parametrize("module", [NANO, INCHES_EIGHT, HEAVY], ids=["nano", "8 inches", "heavy"])
+@pytest.mark.parametrize("module", [NANO, HEAVY], ids=["nano", "heavy"])
 @pytest.mark.parametrize(
     ("factors", "path"),
     [
