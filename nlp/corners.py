@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.airspeed import fastest
-from nlp.evaluation import worst
+from nlp.evaluation import correct_point, violations, worst
+from nlp.features import LAZY_ROWS
 from nlp.ipopt import IpoptResult
-from nlp.joints import LimitedLoads, holder, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, wrench_residuals
+from nlp.rows import Selections, UserConstraints
 from nlp.start_result import StartResult
-from nlp.user_constraints import UserConstraints, correct_point, violations_of
 from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
 
@@ -28,10 +27,6 @@ from topo_search.model.corners import CorneredTask
 class LazyConstraints(NamedTuple):
     """Settings of adding corners, joint loads and air speeds to a program."""
 
-    load_share: float = 0.6
-    """Share of its limit above which a joint load gets a row."""
-    speed_share: float = 0.9
-    """Share of its limit above which an air speed gets a row in the first solve."""
     rounds: int = 10
     """Largest number of solves, each with more rows than the one before."""
     at_once: int = 8
@@ -58,37 +53,32 @@ def solve_with_corners(
         constraints: the user's constraints.
         rounds: True if the origin is far from a minimum, so that rounds are needed; else one polish is enough.
     """
-    from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
+    from nlp.program import AssembledProgram  # compiled code, which other commands need not load
 
-    near_limits = [maximum for maximum in fastest(origin) if maximum.speed > LAZY.speed_share * maximum.limit]
-    speed_points = tuple(sorted({point for maximum in near_limits for point in maximum.points}))
-    point, iterations, limits = origin, 0, LimitedLoads(None, (), speed_points) if speed_points else None
+    point, iterations = origin, 0
+    selections: Selections = {kind: kind.first(origin) for kind in LAZY_ROWS}
     for _ in range(LAZY.rounds):
-        program = AssembledProgram(point.task, point.topology, constraints, limits)
+        program = AssembledProgram(point.task, point.topology, constraints, selections)
         result = program.solve(point) if rounds else program.polish(point)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, constraints)
         whole = with_all_corners(reached, task, constraints)
-        violations = violations_of(whole, constraints)
-        start_result = StartResult(start, result, whole, worst(violations), _labels(point.task))
+        checks = violations(whole, constraints)
+        start_result = StartResult(start, result, whole, worst(checks), _labels(point.task))
         if start_result.worst.met:
             return start_result
-        more, next_limits = _most_violated(whole, point.task), limits
+        corners = _most_violated(whole, point.task)
         if whole is not reached:
-            violations = violations_of(reached, constraints)
-        violated_air = {check.name: set(check.air) for check in violations if check.air and not check.met}
-        violated = {check.name for check in violations if not check.met} - violated_air.keys()
-        overloaded = violated & {load.name for load in limited_loads(task, origin.topology)}
-        if overloaded and (limits is None or not limits.loads or limits.tip_module not in (None, holder(reached))):
-            # no loads had rows, or another module carries the end-effector now: then it may be on either side
-            next_limits, violated = _near_limits(reached, limits), violated - overloaded
-        if too_fast := set().union(*violated_air.values()).difference(next_limits.air if next_limits else ()):
-            next_limits = next_limits or LimitedLoads(None, ())
-            next_limits = next_limits._replace(air=tuple(sorted({*next_limits.air, *too_fast})))
-        if violated or (not more and next_limits is limits):
+            checks = violations(reached, constraints)
+        violated = [check for check in checks if not check.met]
+        more = {kind: kind.more(reached, violated, selection) for kind, selection in selections.items()}
+        may_end = set[str]().union(*(names for _, names in more.values()))
+        next_selections = {kind: selection for kind, (selection, _) in more.items()}
+        if any(check.name not in may_end for check in violated) or (not corners and next_selections == selections):
             return start_result
-        point, limits = with_some_corners(whole, _labels(point.task) | more) if more else reached, next_limits
+        point = with_some_corners(whole, _labels(point.task) | corners) if corners else reached
+        selections = next_selections
     return start_result
 
 
@@ -96,16 +86,6 @@ def judge(task: ResolvedTask, start: int, point: Point, status: str, constraints
     """Return a point as the result of a start without a solve, judged by the task with all corners."""
     whole = with_all_corners(point, task, constraints)
     return StartResult.from_point(start, whole, IpoptResult(point, status, 0), constraints=constraints)
-
-
-def _near_limits(point: Point, previous: LimitedLoads | None) -> LimitedLoads:
-    """Return rows for loads near their limits, with the end-effector on either side if there were any before."""
-    either_side = previous is not None and bool(previous.loads)
-    task = point.task.declared
-    all_loads = limited_loads(task, point.topology)
-    sizes = zip(all_loads, loads(point).tolist(), strict=True)
-    near_loads = tuple(load for load, size in sizes if size > LAZY.load_share * load.limit)
-    return LimitedLoads(None if either_side else holder(point), near_loads, previous.air if previous else ())
 
 
 def with_all_corners(point: Point, task: ResolvedTask, constraints: UserConstraints = ()) -> Point:

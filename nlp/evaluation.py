@@ -21,7 +21,6 @@ The solver is DAQP, a dual active-set method that comes with CasADi.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -29,8 +28,8 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from nlp import airspeed, names
-from nlp.joints import limited_loads, loads
+from nlp import names
+from nlp.features import LAZY_ROWS, rows_of
 from nlp.numbers.geometry import fold_excess, root_angles, root_rotation
 from nlp.numbers.point import Point, weigh_rod
 from nlp.requirements import clearances
@@ -42,43 +41,19 @@ from nlp.requirements.balances import (
     wrench_matrix,
     wrench_residuals,
 )
+from nlp.rows import UserConstraints, Violation
 from topo_search.model import Design
 from topo_search.model.arrays import Array
 
-LOAD_TOLERANCE = 1e-7
-"""Tolerance of a joint load above its limit [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
 POSITION_TOLERANCE = 1e-9
 """Largest allowed error of a fixed end-effector's position [l_arm]."""
 
 
-class Violation(NamedTuple):
-    """Violation of one constraint at a point."""
-
-    name: str
-    amount: float
-    """Positive if violated, zero or negative if met, in `unit`."""
-    unit: str
-    scaled: float
-    """The same in l_arm, m_t g, l_arm m_t g or rad, to compare constraints of different kinds."""
-    tolerance: float = 0.0
-    """Largest `scaled` at which the constraint is met."""
-    air: tuple[airspeed.SpeedPoint, ...] = ()
-    """Points where a program gets rows of the air speed; empty for other constraints."""
-
-    @property
-    def met(self) -> bool:
-        """True if the constraint holds; NaN never does."""
-        return bool(self.scaled <= self.tolerance)
-
-    @property
-    def rank(self) -> float:
-        """Excess over the tolerance; infinite for NaN."""
-        return math.inf if math.isnan(self.scaled) else self.scaled - self.tolerance
-
-
-def violations(point: Point) -> list[Violation]:
-    """Return the violations of all constraints."""
-    return [*_balances(point), *_clearances(point), *_joints(point), *_air(point), *_bounds(point)]
+def violations(point: Point, constraints: UserConstraints = ()) -> list[Violation]:
+    """Return the violations of all constraints: of the printed problem, of features, and of the user."""
+    lazy = (violation for kind in LAZY_ROWS for violation in kind.violations(point))
+    added = rows_of(constraints, point.task, point.topology).violations(point) if constraints else ()
+    return [*_balances(point), *_clearances(point), *lazy, *_bounds(point), *added]
 
 
 def worst(checks: list[Violation]) -> Violation:
@@ -91,21 +66,6 @@ def _balances(point: Point) -> Iterator[Violation]:
     for label, (force, torque) in zip(task.case_labels, wrench_residuals(point).tolist(), strict=True):
         yield Violation(names.force(label), force * task.force_unit(n), "N", force, WRENCH_TOLERANCE)
         yield Violation(names.torque(label), torque * task.torque_unit(n), "N m", torque, WRENCH_TOLERANCE)
-
-
-def _joints(point: Point) -> Iterator[Violation]:
-    task, n = point.task, point.topology.n
-    for load, size in zip(limited_loads(task, point.topology), loads(point).tolist(), strict=True):
-        excess, unit = size - load.limit, task.torque_unit(n) if load.moment else task.force_unit(n)
-        yield Violation(load.name, excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
-
-
-def _air(point: Point) -> Iterator[Violation]:
-    for maximum in airspeed.fastest(point):
-        excess = maximum.speed - airspeed.ALLOWED_SHARE * maximum.limit
-        yield Violation(
-            airspeed.name_of(point.task, maximum), excess, "m/s", excess / maximum.limit, air=maximum.points
-        )
 
 
 def _clearances(point: Point) -> Iterator[Violation]:
@@ -139,6 +99,11 @@ def _bounds(point: Point) -> Iterator[Violation]:
     if position is not None:
         error = float(np.linalg.norm(offset - position))
         yield Violation(names.POSITION, error, "m", error / l_arm, POSITION_TOLERANCE)
+
+
+def correct_point(point: Point, constraints: UserConstraints) -> Point:
+    """Return a corrected point; with user constraints, which may bound inputs, declared load cases keep theirs."""
+    return correct(point, settled=len(point.task.declared.load_cases) if constraints else 0)
 
 
 class Correction(NamedTuple):

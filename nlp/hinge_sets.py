@@ -30,8 +30,8 @@ from nlp.numbers.point import Point
 from nlp.reduced import reason_against
 from nlp.reduced.search import SELECTION, LocalMinimum, local_minima
 from nlp.requirements.modules import module_clearances
+from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
-from nlp.user_constraints import UserConstraints
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 

@@ -26,28 +26,35 @@ rows.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import SpeedPoint
 from nlp.numbers.geometry import Swept, clearance, torque_map
 from nlp.numbers.masses import masses
-from nlp.numbers.point import Connector, Point, connectors, rod_path
+from nlp.numbers.point import Point, rod_path
 from nlp.problem import Variables
-from nlp.requirements import clearances
-from nlp.requirements.rod import BestRod
+from nlp.requirements.rod import rod_of
+from nlp.rows import DerivedRows, Violation
 from nlp.symbols.platform import module_inertia, platform_inertia, rod_inertia, rod_vector, scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.room import part_cover
 
+if TYPE_CHECKING:
+    from nlp.assembled.problem import AssembledProblem
+
 FITTING = 2.0
 """Length of the fitting of a rod at its mount, in radii of the rod."""
+NEAR_SHARE = 0.6
+"""Share of its limit above which a load gets a row."""
+LOAD_TOLERANCE = 1e-7
+"""Tolerance of a load above its limit [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
 
 
 @dataclass(frozen=True)
@@ -74,24 +81,6 @@ def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
         for k, label in enumerate(task.declared.case_labels)
         for i in range(1, topology.n)
     )
-
-
-def rod_of(point: Point) -> Connector | None:
-    """Return the connector of the nearest rod that meets its limits, or of the rod with mass; None if none does."""
-    (R, p), module = point.poses, point.task.module
-    free = np.array(connectors(point.task, point.topology))
-    starts = p[free[:, 0]] + module.connector_distance * np.einsum(
-        "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
-    )
-    lengths = np.linalg.norm(starts - point.tip, axis=1)
-    # rounded as in the audit, so that a design and its mirror image choose the same connector
-    nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
-    for limits in clearances(point.task, point.topology):
-        if isinstance(limits, BestRod):
-            _, nearest, gaps = limits.best(point.vectors)
-            if gaps[nearest].min() < 0:
-                return None
-    return int(free[nearest, 0]), int(free[nearest, 1])
 
 
 def holder(point: Point) -> int | None:
@@ -135,22 +124,67 @@ def _sizes(
 
 
 class LimitedLoads(NamedTuple):
-    """Loads and air speeds that have rows in a program."""
+    """Loads that have rows in a program."""
 
     tip_module: int | None
     """Module that carries the end-effector; None: unknown."""
     loads: tuple[Load, ...]
-    air: tuple[SpeedPoint, ...] = ()
 
 
-def limit_rows(task: ResolvedTask, topology: Topology, limits: LimitedLoads) -> tuple[ca.SX, ca.SX]:
-    """Return the unknowns of a program with its corners, and the rows of the limits, each at least zero."""
+class JointLoads:
+    """Rows of joint loads."""
+
+    one_round = False
+
+    def compiled(self, task: ResolvedTask) -> tuple[()]:
+        """Return nothing: CasADi evaluates the rows."""
+        return ()
+
+    def violations(self, point: Point) -> Iterator[Violation]:
+        """Yield the violation of every limit."""
+        task, n = point.task, point.topology.n
+        for load, size in zip(limited_loads(task, point.topology), loads(point).tolist(), strict=True):
+            excess, unit = size - load.limit, task.torque_unit(n) if load.moment else task.force_unit(n)
+            yield Violation(load.name, excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
+
+    def first(self, origin: Point, *, everything: bool = False) -> LimitedLoads | None:
+        """Return None: loads get rows after a solve that violates one."""
+        return None
+
+    def more(
+        self, point: Point, violated: Sequence[Violation], selection: LimitedLoads | None
+    ) -> tuple[LimitedLoads | None, set[str]]:
+        """Return all loads near their limits, if no load has rows yet or another module holds the end-effector.
+
+        With another one there are rows for the end-effector on either side of each joint.
+        """
+        limited = limited_loads(point.task, point.topology)
+        overloaded = {violation.name for violation in violated} & {load.name for load in limited}
+        held_by = holder(point) if overloaded else None
+        if not overloaded or (selection is not None and selection.tip_module in (None, held_by)):
+            return selection, set()
+        near_limits = tuple(
+            load
+            for load, size in zip(limited, loads(point).tolist(), strict=True)
+            if size > NEAR_SHARE * load.limit
+        )
+        return LimitedLoads(held_by if selection is None else None, near_limits), overloaded
+
+    def rows(
+        self, program: AssembledProblem, task: ResolvedTask, topology: Topology, selection: LimitedLoads
+    ) -> DerivedRows:
+        """Return the rows of the limits."""
+        return limit_rows(task, topology, selection)
+
+
+def limit_rows(task: ResolvedTask, topology: Topology, limits: LimitedLoads) -> DerivedRows:
+    """Return the rows of limits on the loads of a program with its corners, each at least zero."""
     unit, rows = Units.of(task), list[ca.SX]()
     x, vectors = _vectors(task, topology, limits.tip_module, limits.loads)
     for load, sides in zip(limits.loads, vectors, strict=True):
         L = load.limit / (unit.torque if load.moment else unit.force)
         rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
-    return x, ca.vertcat(*rows)
+    return DerivedRows(x, ca.vertcat(*rows), np.zeros(len(rows)), np.full(len(rows), np.inf))
 
 
 def _vectors(

@@ -11,17 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
-from nlp.airspeed import fastest
-from nlp.assembled import AssembledProgram
-from nlp.assembled.air import derive_speeds
 from nlp.corners import judge, solve_with_corners, without_corners
-from nlp.joints import LimitedLoads
-from nlp.numbers.jets import climb
+from nlp.evaluation import correct_point
+from nlp.features import LAZY_ROWS
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.reduced.arrays import ReducedProblem, to_arrays
 from nlp.reduced.descent import descend
 from nlp.reduced.search import (
@@ -33,12 +32,12 @@ from nlp.reduced.search import (
     local_minima,
     point_of,
 )
+from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
 from nlp.starts.reduced_starts import draw_starts, place_starts
 from nlp.starts.warm_start import warm_start
 from nlp.units import Units
-from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.compiled_code import is_cached
 from topo_search.model.corners import CorneredTask
@@ -246,18 +245,18 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: called with a message before compiling.
     """
-    in_air = _limits_air(task)
-    functions = (place_starts, descend, *((climb, derive_speeds) if in_air else ()))
-    if all(map(is_cached, functions)):
+    lazy_rows = {kind: functions for kind in LAZY_ROWS if (functions := kind.compiled(task))}
+    if all(map(is_cached, (place_starts, descend, *chain.from_iterable(lazy_rows.values())))):
         return
     tell("compiling the solver (once per installation, about a minute)")
     tree = straight_chain(task.n)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draw_starts(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
-    if in_air:  # compile the rows of air speeds, too
-        points = sorted({p for maximum in fastest(point) for p in maximum.points})
-        AssembledProgram(point.task, tree, (), LimitedLoads(None, (), tuple(points))).polish(point)
+    if lazy_rows:  # with rows for all that they limit
+        AssembledProgram(
+            point.task, tree, (), {kind: kind.first(point, everything=True) for kind in lazy_rows}
+        ).polish(point)
 
 
 def solve_starts(

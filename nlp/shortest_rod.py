@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.corners import solve_with_corners, with_some_corners
-from nlp.joints import rod_of
+from nlp.evaluation import correct_point
 from nlp.numbers.point import Connector, Point, rod_path, weigh_rod, with_rod
+from nlp.requirements.rod import rod_of
+from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
-from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import ShorterRod
 from topo_search.model.corners import to_corners
 

@@ -13,14 +13,14 @@ import numpy as np
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import judge, solve_with_corners, without_corners
 from nlp.evaluation import correct
-from nlp.joints import rod_of
+from nlp.features import pseudo_inverse_constraints
 from nlp.numbers.point import Point, weigh_rod
-from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.reduced import REDUCED_UP_TO, reason_against
+from nlp.requirements.rod import rod_of
+from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start
-from nlp.user_constraints import UserConstraints
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.protocols import OwnConstraint

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlp.evaluation import Violation, worst
+from nlp.evaluation import violations, worst
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
-from nlp.user_constraints import UserConstraints, violations_of
+from nlp.rows import UserConstraints, Violation
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class StartResult:
         constraints: UserConstraints = (),
     ) -> StartResult:
         """Return the result of a start at a point, with the corners of its last program."""
-        return cls(start, result, point, worst(violations_of(point, constraints)), corners)
+        return cls(start, result, point, worst(violations(point, constraints)), corners)
 
     @property
     def objective(self) -> float:

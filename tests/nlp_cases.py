@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from nlp import solve
-from nlp.assembled import AssembledProgram
+from nlp.evaluation import correct_point
 from nlp.numbers.point import Point, fixed_end_effector
+from nlp.program import AssembledProgram
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
-from nlp.user_constraints import correct_point
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
 from topo_search.model.module import CountedRod
 

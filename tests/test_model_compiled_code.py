@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-import nlp.assembled.air
+import nlp.air.rows
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import nlp.starts.reduced_starts
@@ -58,7 +58,7 @@ def test_what_was_made_from_other_sources_is_dropped(place):
 
 def test_all_rooms_of_compiled_code_are_marked():
     for module, function in (
-        (nlp.assembled.air, nlp.assembled.air.derive_speeds),
+        (nlp.air.rows, nlp.air.rows.derive_speeds),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.starts.reduced_starts, nlp.starts.reduced_starts.place_starts),
         (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),

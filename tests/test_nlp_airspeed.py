@@ -9,11 +9,11 @@ from nlp_cases import HOVER, as_design, push, random_point, random_tree
 from suites import few
 
 from nlp import prove_impossible, solve
-from nlp.airspeed import TARGET_SHARE, SpeedPoint, fastest
-from nlp.assembled.air import SpeedRows
+from nlp.air.jets import jet_of, total_speed
+from nlp.air.limits import TARGET_SHARE, SpeedPoint, fastest
+from nlp.air.rows import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
-from nlp.numbers.jets import jet_of, total_speed
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.descent import Evaluation, evaluate
 from nlp.reduced.search import LocalMinimum, point_of

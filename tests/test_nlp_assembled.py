@@ -8,13 +8,14 @@ import pytest
 from nlp_cases import DISTINCT, FEATURES, HOVER, push, random_point, random_tree, with_masses
 from suites import few
 
-from nlp.assembled import AssembledProgram, program
+from nlp import program
 from nlp.assembled.problem import AssembledProblem
 from nlp.assembled.terms import derived_rows
 from nlp.evaluation import correct, violations, worst
 from nlp.ipopt import BETA, OPTIONS
 from nlp.numbers.point import Point
 from nlp.problem import problem
+from nlp.program import AssembledProgram
 from nlp.requirements import clearances, variable_bounds
 from nlp.solve import solve
 from nlp.starts.random_starts import draw, generator
@@ -113,7 +114,7 @@ def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch)
     limits = program.LIMITS._replace(bold=np.inf, rounds=1)
     options = program.ROUND_OPTIONS._replace(near_start={})
     for name_, value in {"LIMITS": limits, "ROUND_OPTIONS": options}.items():
-        monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
+        monkeypatch.setattr(f"nlp.program.{name_}", value)
     topology = Topology.from_key("a11210")
     task = push(5, **FEATURES[name])
     assembled, efforts = AssembledProgram(task, topology), []

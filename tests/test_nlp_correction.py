@@ -7,9 +7,9 @@ import pytest
 from nlp_cases import best_design, hover, push, random_point, random_tree
 
 from nlp import lower_bound
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct, violations
 from nlp.numbers.geometry import root_angles, root_rotation, rotation
+from nlp.program import AssembledProgram
 from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Topology

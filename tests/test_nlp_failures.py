@@ -12,11 +12,11 @@ from scipy.optimize import linprog
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.assembled import AssembledProgram
 from nlp.corners import solve_with_corners, with_all_corners, without_corners
 from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.requirements.balances import (
     WRENCH_TOLERANCE,
     required_wrenches,

@@ -10,12 +10,12 @@ from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, ran
 from suites import few
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import violations
 from nlp.ipopt import IpoptResult
 from nlp.multistart import solve_starts
 from nlp.numbers.geometry import SPLAY, Swept, clearance, poses
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json

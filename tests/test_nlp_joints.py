@@ -16,7 +16,6 @@ from nlp.joints import LimitedLoads, holder, limit_rows, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import required_wrenches, wrench_matrix, wrench_residuals
-from nlp.user_constraints.rows import DerivedRows
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.files import read_json, validate
 from verify import audit, choose_mount
@@ -83,9 +82,8 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
-    unknowns, g = limit_rows(task, topology, LimitedLoads(held, listed))
     both, x = AssembledProblem(task, topology, clearances(task, topology), 50.0), point.pack()
-    both.append(DerivedRows(unknowns, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
+    both.append(limit_rows(task, topology, LimitedLoads(held, listed)))
     unit = task.module.arm_length * task.module.mass * task.gravity
     L = np.array([load.limit for load in listed]) / unit
     limited = both.constraints(x)[base.rows :].reshape(len(listed), -1).min(axis=1)

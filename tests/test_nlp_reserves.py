@@ -12,7 +12,7 @@ from nlp import lower_bound, prove_impossible, solve
 from nlp.bounds.effort import closed_form
 from nlp.numbers.point import Point
 from nlp.pseudo_inverse import pseudo_inverse_constraints
-from nlp.user_constraints import rows_of
+from nlp.user_constraints.rows import rows_of
 from topo_search.model import Infeasible, Status, Topology
 from topo_search.model.load_case import AskedFlight
 from verify import audit

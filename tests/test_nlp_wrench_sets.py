@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from verify_cases import design
 
 from nlp import lower_bound, prove_impossible
-from nlp.assembled import AssembledProgram
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Topology
 from topo_search.model.corners import to_corners

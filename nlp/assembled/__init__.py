@@ -9,12 +9,8 @@ problem.
 
 from pathlib import Path
 
-from nlp.assembled.air import derive_speeds
-from nlp.assembled.program import AssembledProgram
-from nlp.numbers import jets
+from nlp.assembled.chain_rule import slopes
 from nlp.symbols import clearance
 from topo_search.model.compiled_code import refresh
 
-refresh(derive_speeds, Path(__file__).parent, Path(clearance.__file__), Path(jets.__file__))
-
-__all__ = ["AssembledProgram"]
+refresh(slopes, Path(__file__).parent, Path(clearance.__file__))

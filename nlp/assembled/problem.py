@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
@@ -28,9 +28,25 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
-if TYPE_CHECKING:
-    from nlp.assembled.air import SpeedRows
-    from nlp.user_constraints.rows import DerivedRows
+
+class RowBlock(Protocol):
+    """Rows of a program as functions of all unknowns; derivatives are entries of their patterns."""
+
+    lower: Array
+    """Lower bounds, shape (m,)."""
+    upper: Array
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+    """Upper triangle."""
+
+    def values(self, variables: Array) -> Array | ca.DM:
+        """Return the rows, shape (m,)."""
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of the Jacobian of the rows."""
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of the sum of rows times multipliers."""
 
 
 class AssembledProblem:
@@ -73,7 +89,7 @@ class AssembledProblem:
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
         self._jets: list[Jet] | None = None
-        self._appended: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
+        self._appended: list[tuple[RowBlock, slice, Indices, Indices]] = []
 
     def _index(self, inertial: list[tuple[int, Term]]) -> None:
         """Find the patterns of the derivatives; `inertial` terms are subtracted from rows of the balances."""
@@ -98,7 +114,7 @@ class AssembledProblem:
         self.hessian_pattern = ca.horzcat(geometry, inputs)
         self._triangle = np.tril_indices(g)  # transposed: the upper triangle, column by column
 
-    def append(self, rows: DerivedRows | SpeedRows) -> None:
+    def append(self, rows: RowBlock) -> None:
         """Append rows to the program, and find the positions of their entries among the existing ones."""
         above, below, own_pattern = self.jacobian_pattern, rows.jacobian_pattern, self.hessian_pattern
         self.jacobian_pattern = ca.vertcat(above, below)

@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.airspeed import TARGET_SHARE, region_of
+from nlp.air.jets import JetConstants, SpeedRegion, jet_of
+from nlp.air.limits import TARGET_SHARE, region_of
 from nlp.numbers.geometry import torque_map
-from nlp.numbers.jets import JetConstants, SpeedRegion, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
@@ -122,7 +122,7 @@ class Hulls(NamedTuple):
 class Speeds(NamedTuple):
     """The rows of air speeds, one per load case of the task, region and module; they follow the clearances.
 
-    Each region is a `nlp.numbers.jets.Region`, whose axis may follow p_E.
+    Each region is a `nlp.air.jets.Region`, whose axis may follow p_E.
     """
 
     jet: JetConstants

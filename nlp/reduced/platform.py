@@ -30,7 +30,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers import cholesky, jets, kinematics
+from nlp.air import jets
+from nlp.numbers import cholesky, kinematics
 from nlp.numbers.kinematics import Vector, add, chain, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array

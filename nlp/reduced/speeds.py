@@ -31,8 +31,7 @@ import numpy as np
 from numba.core.types import NoneType
 from numba.extending import overload
 
-from nlp.numbers.cholesky import factor, solve_factored
-from nlp.numbers.jets import (
+from nlp.air.jets import (
     JETS,
     ROUNDED,
     SHARP,
@@ -44,6 +43,7 @@ from nlp.numbers.jets import (
     project_inside,
     speed,
 )
+from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap

@@ -27,7 +27,7 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.point import connectors
+from nlp.numbers.point import Connector, Point, connectors
 from nlp.requirements.bodies import RodShape, divide
 from nlp.requirements.exposure import HullRegion, RegionClearance, hull_of, to_formula
 from nlp.requirements.statement import (
@@ -210,6 +210,23 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
         )
         subjects = np.arange(max(n, 2))[None]  # at least i and j
         yield BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT)
+
+
+def rod_of(point: Point) -> Connector | None:
+    """Return the connector of the nearest rod that meets its limits, or of the rod with mass; None if none does."""
+    (R, p), module = point.poses, point.task.module
+    free = np.array(connectors(point.task, point.topology))
+    starts = p[free[:, 0]] + module.connector_distance * np.einsum(
+        "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
+    )
+    lengths = np.linalg.norm(starts - point.tip, axis=1)
+    # rounded as in the audit, so that a design and its mirror image choose the same connector
+    nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
+    for limits in rod_clearances(point.task, point.topology):
+        _, nearest, gaps = limits.best(point.vectors)
+        if gaps[nearest].min() < 0:
+            return None
+    return int(free[nearest, 0]), int(free[nearest, 1])
 
 
 def _distance(shape: Shape, unit: float) -> float:

@@ -18,9 +18,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlp.evaluation import Violation, correct, violations
 from nlp.numbers.point import Point
 from nlp.problem import Variables
+from nlp.rows import DerivedRows, UserConstraints, Violation
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -95,19 +95,6 @@ TOLERANCE = 1e-6
 """Tolerance of a user constraint, as a share of its scale: the audit's own tolerance for residuals."""
 IMPOSED = 0.1
 """Distance that Ipopt keeps from a bound, in TOLERANCE, so that its result is within the bound."""
-UserConstraints = tuple[OwnConstraint, ...]
-"""Constraints of the user; usually none."""
-
-
-def violations_of(point: Point, constraints: UserConstraints) -> list[Violation]:
-    """Return the violations of the printed problem and of user constraints at a point."""
-    user_violations = rows_of(constraints, point.task, point.topology).violations(point) if constraints else ()
-    return [*violations(point), *user_violations]
-
-
-def correct_point(point: Point, constraints: UserConstraints) -> Point:
-    """Return a corrected point; with user constraints, which may bound inputs, declared load cases keep theirs."""
-    return correct(point, settled=len(point.task.declared.load_cases) if constraints else 0)
 
 
 @lru_cache(maxsize=32)
@@ -177,26 +164,3 @@ def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violat
         return Violation(f"{constraint.name} (no finite value)", scale, constraint.unit, math.nan, TOLERANCE)
     excess = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
     return Violation(constraint.name, excess * scale, constraint.unit, excess, TOLERANCE)
-
-
-class DerivedRows:
-    """Expressions as rows of a program, with derivatives by CasADi."""
-
-    def __init__(self, x: ca.SX, g: ca.SX, lower: Array, upper: Array) -> None:
-        """Differentiate the rows g by the unknowns x."""
-        multipliers = ca.SX.sym("multipliers", g.numel())
-        self.values = ca.Function("g", [x], [g])
-        self.lower, self.upper = lower, upper
-        self._jacobian = ca.Function("jacobian", [x], [ca.jacobian(g, x)])
-        hessian = ca.triu(ca.hessian(ca.dot(multipliers, g), x)[0])
-        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
-        self.jacobian_pattern = self._jacobian.sparsity_out(0)
-        self.hessian_pattern = self._hessian.sparsity_out(0)
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of the Jacobian of the rows."""
-        return np.array(self._jacobian(variables).nonzeros())
-
-    def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of the sum of rows times multipliers."""
-        return np.array(self._hessian(variables, multipliers).nonzeros())

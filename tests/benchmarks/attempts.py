@@ -10,9 +10,9 @@ import numpy as np
 from direct import Direct, random_start
 from stopwatch import Stopwatch
 
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task

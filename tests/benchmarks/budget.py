@@ -24,8 +24,8 @@ from pathlib import Path
 from random import Random
 
 import nlp
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct, violations, worst
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Candidates
 from topo_search.model import ResolvedTask, Topology

@@ -19,11 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
 from nlp.evaluation import correct, violations, worst
 from nlp.numbers.geometry import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import DRAWING, draw, generator, with_inputs
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Topology

@@ -19,8 +19,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from nlp_cases import as_design
 
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import examples, read_task

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from direct import random_start
 
-from nlp.assembled import AssembledProgram
 from nlp.bounds import lower_bound
 from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task

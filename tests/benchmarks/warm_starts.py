@@ -20,9 +20,9 @@ from random import Random
 import numpy as np
 
 import nlp
-from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
 from topo_search.model import Design, ResolvedTask, Topology

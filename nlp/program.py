@@ -13,16 +13,14 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
-from nlp.evaluation import worst
+from nlp.evaluation import correct_point, violations, worst
+from nlp.features import rows_of
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
-from nlp.joints import LimitedLoads, limit_rows
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.modules import BETWEEN_MODULES
-from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
-from nlp.user_constraints.rows import DerivedRows
+from nlp.rows import Selections, UserConstraints
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -148,10 +146,11 @@ class AssembledProgram:
         task: ResolvedTask,
         topology: Topology,
         constraints: UserConstraints = (),
-        limits: LimitedLoads | None = None,
+        selections: Selections = MappingProxyType({}),
     ) -> None:
-        """Store the arguments; `limits` are the joint loads and air speeds that have rows."""
-        self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
+        """Store the arguments; `selections` say what has rows of each kind of lazy rows."""
+        self._task, self._topology, self._constraints = task, topology, constraints
+        self._lazy = {kind: selection for kind, selection in selections.items() if selection is not None}
         fixed = task.search.hinge_set_deg is not None  # then clearances between modules are constant
         requirements = clearances(task, topology)
         self._clearances = tuple(r for r in requirements if not (fixed and r.equation in BETWEEN_MODULES))
@@ -197,24 +196,20 @@ class AssembledProgram:
 
     def polish(self, start: Point) -> IpoptResult:
         """Solve from a point close to a minimum of the search."""
-        limits, options = self._limits, {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
-        if limits is not None and limits.air and not (self._constraints or limits.loads):
-            # no rounds: they discard results with faster air between points, but more points are added anyway
+        if not (self._constraints or self._lazy):
+            options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
+            return self._round(start, LIMITS.polish, options)
+        if not self._constraints and all(kind.one_round for kind in self._lazy):
             options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
             return self._round(start, LIMITS.bold, options)
-        if self._constraints or limits is not None:
-            # the search did not see these rows, so the solution may be far from the point
-            return self.solve(start)
-        return self._round(start, LIMITS.polish, options)
+        # the search did not see these rows, so the solution may be far from the point
+        return self.solve(start)
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
         program = AssembledProblem(self._task, self._topology, requirements, BETA)
-        if self._limits is not None and self._limits.loads:
-            x, g = limit_rows(self._task, self._topology, self._limits)
-            program.append(DerivedRows(x, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
-        if self._limits is not None and self._limits.air:
-            program.append(SpeedRows(program, self._task, self._limits.air))
+        for kind, selection in self._lazy.items():
+            program.append(kind.rows(program, self._task, self._topology, selection))
         if self._constraints:
             program.append(rows_of(self._constraints, self._task, self._topology).derived)
         solver, functions = _ipopt(program, options)
@@ -235,7 +230,7 @@ class AssembledProgram:
         return result_of(solver, solution, self._task, self._topology)
 
     def _merit(self, point: Point) -> _Merit:
-        reason = worst(violations_of(correct_point(point, self._constraints), self._constraints))
+        reason = worst(violations(correct_point(point, self._constraints), self._constraints))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
 
 

@@ -5,11 +5,11 @@ r"""Air speed of a module at a point, with derivatives, and the fastest air of a
 | q | the point from the module, in its frame | (3,) | l_arm |
 | u | inputs of the module | (4,) | u_hover |
 | v_0 | induced speed of a disc at u_hover | | m/s |
-| C | max(G, H) of `nlp.airspeed`, a factor for each rotor | (4,) | |
+| C | max(G, H) of `nlp.air.limits`, a factor for each rotor | (4,) | |
 | U | speed of the air, v_0 sqrt(C . u) | | m/s |
 | epsilon | width over which kinks are rounded | | - |
 
-The formulas are those of `nlp.airspeed`, with min and max rounded:
+The formulas are those of `nlp.air.limits`, with min and max rounded:
 
 .. math::
 
@@ -23,13 +23,14 @@ derivatives those of C are central differences, accurate enough for Newton's met
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model import Module
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
-from topo_search.model.compiled_code import njit
+from topo_search.model.compiled_code import njit, refresh
 
 
 class JetRounding(NamedTuple):
@@ -515,3 +516,6 @@ def curvature(jet: JetConstants, q: Array, u: Array, hessian: Array) -> None:
     for a in range(7):
         for b in range(7):
             hessian[a, b] = (hessian[a, b] / 2 - slopes[a] * slopes[b]) / U
+
+
+refresh(climb, Path(__file__).parent)

@@ -44,15 +44,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from nlp import names
 from nlp.numbers.point import Point
 from nlp.requirements.exposure import hull_of
-from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 
 if TYPE_CHECKING:
-    from nlp.numbers.jets import SpeedRegion
+    from nlp.air.jets import SpeedRegion
 
 TARGET_SHARE = 0.997
 """Share of a limit that rows allow, so that faster air between their points is within the limit."""
@@ -97,18 +95,13 @@ class SpeedMaximum:
     """Points that get rows: fastest points near each module."""
 
 
-def name_of(task: ResolvedTask, maximum: SpeedMaximum) -> str:
-    """Name a limit as in the audit."""
-    return names.air(maximum.exposure, task.exposure[maximum.exposure], task.case_labels[maximum.case])
-
-
 def fastest(point: Point) -> Iterator[SpeedMaximum]:
     """Yield the fastest air over every region with a limit, in every load case."""
     task, l_arm = point.task, point.task.module.arm_length
     limited = [(number, exposure) for number, exposure in enumerate(task.exposure) if exposure.speed is not None]
     if not limited:
         return
-    from nlp.numbers.jets import climb, jet_of  # compiled code, which other commands need not load
+    from nlp.air.jets import climb, jet_of  # compiled code, which other commands need not load
 
     (R, p), tip = point.poses, point.tip / l_arm
     p = p / l_arm - tip
@@ -163,7 +156,7 @@ def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tu
 
 def region_of(shape: Shape, l_arm: float, within: float | None) -> SpeedRegion:
     """Return the region of a shape with a fixed direction, cut off at a distance `within` [m] from p'_E."""
-    from nlp.numbers.jets import SpeedRegion  # compiled code, which other commands need not load
+    from nlp.air.jets import SpeedRegion  # compiled code, which other commands need not load
 
     start, axis, radius, half_angle, planes = np.zeros(3), np.zeros(3), 0.0, 0.0, np.zeros((0, 3))
     match shape:

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | y | local vectors: p_i - p'_E, x_i, y_i, z_i; p_j - p'_E and z_j of the ball's module j | (6, 3) | l_arm, - |
 | u | inputs of module i in the point's load case | (4,) | u_hover |
-| q | the point from module i in its frame (`nlp.numbers.jets`) | (3,) | l_arm |
+| q | the point from module i in its frame (`nlp.air.jets`) | (3,) | l_arm |
 
 A row is the sum of the modules' speeds at its point. A module's speed is a function of (y, u), the same in all
 topologies; the chain rule gives its derivatives by the unknowns.
@@ -17,10 +17,10 @@ import math
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import TARGET_SHARE, SpeedPoint
+from nlp.air.jets import JETS, ROUNDED, JetConstants, curvature, find_factors, jet_of, point_of_ball, speed
+from nlp.air.limits import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import JETS, ROUNDED, JetConstants, curvature, find_factors, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -153,7 +153,7 @@ def derive_speeds(order: int, jet: JetConstants, y: Array, u: Array, numbers: Ar
 
 @njit(cache=True, inner=True)
 def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -> None:
-    """Add the curvature of a speed due to the motion of its point, by differences as in `nlp.numbers.jets`."""
+    """Add the curvature of a speed due to the motion of its point, by differences as in `nlp.air.jets`."""
     x, above, below = np.empty(3), np.empty((3, 6)), np.empty((3, 6))
     for c in range(6):
         vector, axis = 4 + c // 3, c % 3

@@ -1,0 +1,1 @@
+"""Air speeds over regions: limits, their rows in a program and in the search, and bounds."""

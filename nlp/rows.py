@@ -1,0 +1,103 @@
+"""Constraints of a program: their violations at a point, and rows that features add to the printed problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import casadi as ca
+import numpy as np
+
+from nlp.numbers.point import Point
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+from topo_search.protocols import OwnConstraint
+
+if TYPE_CHECKING:
+    from nlp.assembled.problem import AssembledProblem, RowBlock
+
+
+class Violation(NamedTuple):
+    """Violation of one constraint at a point."""
+
+    name: str
+    amount: float
+    """Positive if violated, zero or negative if met, in `unit`."""
+    unit: str
+    scaled: float
+    """The same in l_arm, m_t g, l_arm m_t g or rad, to compare constraints of different kinds."""
+    tolerance: float = 0.0
+    """Largest `scaled` at which the constraint is met."""
+    to_add: tuple[Any, ...] = ()
+    """What its kind of lazy rows adds to a program once it is violated; empty for other constraints."""
+
+    @property
+    def met(self) -> bool:
+        """True if the constraint holds; NaN never does."""
+        return bool(self.scaled <= self.tolerance)
+
+    @property
+    def rank(self) -> float:
+        """Excess over the tolerance; infinite for NaN."""
+        return math.inf if math.isnan(self.scaled) else self.scaled - self.tolerance
+
+
+class LazyRows(Protocol):
+    """Limits of a feature that get rows in a program only near or beyond them, since few of them are active.
+
+    What has rows, the selection, is a value of the feature; None without any.
+    """
+
+    one_round: bool
+    """True if one round of Ipopt is enough with these rows alone, because more rows follow anyway."""
+
+    def compiled(self, task: ResolvedTask) -> Sequence[Any]:
+        """Return the compiled functions that the rows of a task need."""
+
+    def violations(self, point: Point) -> Iterator[Violation]:
+        """Yield the violation of every limit."""
+
+    def first(self, origin: Point, *, everything: bool = False) -> Any:
+        """Return the selection for the first program of a solve; `everything`: also far from the limits."""
+
+    def more(self, point: Point, violated: Sequence[Violation], selection: Any) -> tuple[Any, set[str]]:
+        """Return the selection for the next program, and the names of violations that its new rows may end.
+
+        Args:
+            point: the result of the last program.
+            violated: all violations there that are not met.
+            selection: the selection of the last program.
+        """
+
+    def rows(self, program: AssembledProblem, task: ResolvedTask, topology: Topology, selection: Any) -> RowBlock:
+        """Return the rows of a selection."""
+
+
+Selections = Mapping[LazyRows, Any]
+"""The selection of every kind of lazy rows that a program has."""
+UserConstraints = tuple[OwnConstraint, ...]
+"""Constraints of the user; usually none."""
+
+
+class DerivedRows:
+    """Expressions as rows of a program, with derivatives by CasADi."""
+
+    def __init__(self, x: ca.SX, g: ca.SX, lower: Array, upper: Array) -> None:
+        """Differentiate the rows g by the unknowns x."""
+        multipliers = ca.SX.sym("multipliers", g.numel())
+        self.values = ca.Function("g", [x], [g])
+        self.lower, self.upper = lower, upper
+        self._jacobian = ca.Function("jacobian", [x], [ca.jacobian(g, x)])
+        hessian = ca.triu(ca.hessian(ca.dot(multipliers, g), x)[0])
+        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
+        self.jacobian_pattern = self._jacobian.sparsity_out(0)
+        self.hessian_pattern = self._hessian.sparsity_out(0)
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of the Jacobian of the rows."""
+        return np.array(self._jacobian(variables).nonzeros())
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of the sum of rows times multipliers."""
+        return np.array(self._hessian(variables, multipliers).nonzeros())
