@@ -112,12 +112,8 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         yield residual(label, float(largest[k]), "m_t g, l_arm m_t g", 1.0, status=status)
 
 
-def power(design: Design, platform: Platform, capability: Flight | None) -> tuple[CasePower, ...]:
-    """Return the power in hover, if the platform can hover, and in every load case."""
-    return tuple(_powers(design, platform, capability))
-
-
-def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
+def power(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
+    """Yield the power in hover, if the platform can hover, and in every load case."""
     task, module, rotors = design.task, design.task.module, 4 * design.topology.n
     A = wrench_map(platform, module)
     rows = [

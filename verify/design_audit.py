@@ -106,7 +106,7 @@ def _audit(design: Design, started: float) -> Audit:
         interference=None if design.task.search.interference == "parts" else interference(pairs),
         sensitivity=errors,
         flight=capability,
-        power=power(design, platform, capability),
+        power=tuple(power(design, platform, capability)),
         air=air_speeds,
         stated=tuple(StatedCheck(**claim.model_dump(), status="not checked") for claim in design.stated),
         mesh_excess=_mesh_excess(design),
