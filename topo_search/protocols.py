@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from pydantic import ValidationError
 
@@ -68,11 +68,11 @@ class SymbolicPlatform:
         return tuple(FOLD[a] * self.hinge_angles[i - 1] for _, i, a, _ in self.topology.edges())
 
 
-class ConstraintExpression(Protocol):
-    """Function of a constraint: pure and picklable, such as a function at the top level of a module."""
+ConstraintExpression = Callable[[SymbolicPlatform], Expression]
+"""Function of a constraint: pure and picklable, such as a function at the top level of a module.
 
-    def __call__(self, platform: SymbolicPlatform, /) -> Expression:
-        """Return an expression or a column of them, twice differentiable wherever designs may be."""
+It returns an expression or a column of them, twice differentiable wherever designs may be.
+"""
 
 
 def require_stated(extension: Any) -> None:

@@ -234,11 +234,11 @@ class TopologySampler(Protocol):
         """
 
 
-class SamplerFactory(Protocol):
-    """Makes a sampler for one number of modules."""
+SamplerFactory = Callable[[int], Any]
+"""Function that makes a sampler from a seed, for one number of modules.
 
-    def __call__(self, seed: int, /) -> Any:
-        """Return a `TopologySampler`, or an Optuna sampler, which works on the fixed-length encoding of trees."""
+The sampler is a `TopologySampler`, or an Optuna sampler, which works on the fixed-length encoding of trees.
+"""
 
 
 @dataclass(frozen=True)

@@ -87,8 +87,6 @@ def require_versions(path: Path, ledger: Ledger) -> None:
 
 def make_folder(path: Path) -> None:
     """Create a folder unless it exists; BadInput if that fails."""
-    if os.path.lexists(path) and not path.is_dir():
-        raise refusal(path, "is a file")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
