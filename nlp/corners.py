@@ -56,7 +56,7 @@ def solve_with_corners(
     from nlp.program import AssembledProgram  # compiled code, which other commands need not load
 
     point, iterations = origin, 0
-    selections: Selections = {kind: kind.first(origin) for kind in LAZY_ROWS}
+    selections: Selections = {kind: kind.select(origin) for kind in LAZY_ROWS}
     for _ in range(LAZY.rounds):
         program = AssembledProgram(point.task, point.topology, constraints, selections)
         result = program.solve(point) if rounds else program.polish(point)
@@ -72,9 +72,9 @@ def solve_with_corners(
         if whole is not reached:
             checks = violations(reached, constraints)
         violated = [check for check in checks if not check.met]
-        more = {kind: kind.more(reached, violated, selection) for kind, selection in selections.items()}
-        may_end = set[str]().union(*(names for _, names in more.values()))
-        next_selections = {kind: selection for kind, (selection, _) in more.items()}
+        extended = {kind: kind.extend(reached, violated, selection) for kind, selection in selections.items()}
+        may_end = set[str]().union(*(names for _, names in extended.values()))
+        next_selections = {kind: selection for kind, (selection, _) in extended.items()}
         if any(check.name not in may_end for check in violated) or (not corners and next_selections == selections):
             return start_result
         point = with_some_corners(whole, _labels(point.task) | corners) if corners else reached

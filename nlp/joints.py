@@ -136,7 +136,7 @@ class JointLoads:
 
     one_round = False
 
-    def compiled(self, task: ResolvedTask) -> tuple[()]:
+    def functions(self, task: ResolvedTask) -> tuple[()]:
         """Return nothing: CasADi evaluates the rows."""
         return ()
 
@@ -147,11 +147,11 @@ class JointLoads:
             excess, unit = size - load.limit, task.torque_unit(n) if load.moment else task.force_unit(n)
             yield Violation(load.name, excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
 
-    def first(self, origin: Point, *, everything: bool = False) -> LimitedLoads | None:
+    def select(self, origin: Point, *, everything: bool = False) -> LimitedLoads | None:
         """Return None: loads get rows after a solve that violates one."""
         return None
 
-    def more(
+    def extend(
         self, point: Point, violated: Sequence[Violation], selection: LimitedLoads | None
     ) -> tuple[LimitedLoads | None, set[str]]:
         """Return all loads near their limits, if no load has rows yet or another module holds the end-effector.

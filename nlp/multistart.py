@@ -245,7 +245,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: called with a message before compiling.
     """
-    lazy_rows = {kind: functions for kind in LAZY_ROWS if (functions := kind.compiled(task))}
+    lazy_rows = {kind: functions for kind in LAZY_ROWS if (functions := kind.functions(task))}
     if all(map(is_cached, (place_starts, descend, *chain.from_iterable(lazy_rows.values())))):
         return
     tell("compiling the solver (once per installation, about a minute)")
@@ -255,7 +255,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     point = point_of(without_corners(task), tree, problem, best[0])
     if lazy_rows:  # with rows for all that they limit
         AssembledProgram(
-            point.task, tree, (), {kind: kind.first(point, everything=True) for kind in lazy_rows}
+            point.task, tree, (), {kind: kind.select(point, everything=True) for kind in lazy_rows}
         ).polish(point)
 
 

@@ -52,16 +52,16 @@ class LazyRows(Protocol):
     one_round: bool
     """True if one round of Ipopt is enough with these rows alone, because more rows follow anyway."""
 
-    def compiled(self, task: ResolvedTask) -> Sequence[Any]:
+    def functions(self, task: ResolvedTask) -> Sequence[Any]:
         """Return the compiled functions that the rows of a task need."""
 
     def violations(self, point: Point) -> Iterator[Violation]:
         """Yield the violation of every limit."""
 
-    def first(self, origin: Point, *, everything: bool = False) -> Any:
+    def select(self, origin: Point, *, everything: bool = False) -> Any:
         """Return the selection for the first program of a solve; `everything`: also far from the limits."""
 
-    def more(self, point: Point, violated: Sequence[Violation], selection: Any) -> tuple[Any, set[str]]:
+    def extend(self, point: Point, violated: Sequence[Violation], selection: Any) -> tuple[Any, set[str]]:
         """Return the selection for the next program, and the names of violations that its new rows may end.
 
         Args:

@@ -25,7 +25,7 @@ class SpeedLimits:
 
     one_round = True  # more rounds would discard results with faster air between points
 
-    def compiled(self, task: ResolvedTask) -> Sequence[Any]:
+    def functions(self, task: ResolvedTask) -> Sequence[Any]:
         """Return the search for the fastest air and the derivatives of rows, if the task limits a speed."""
         if all(exposure.speed is None for exposure in task.exposure):
             return ()
@@ -42,13 +42,13 @@ class SpeedLimits:
             excess = maximum.speed - ALLOWED_SHARE * maximum.limit
             yield Violation(name, excess, "m/s", excess / maximum.limit, to_add=maximum.points)
 
-    def first(self, origin: Point, *, everything: bool = False) -> Points | None:
+    def select(self, origin: Point, *, everything: bool = False) -> Points | None:
         """Return the points of all speeds near their limits."""
         share = 0.0 if everything else FIRST_SHARE
         near_limits = [maximum for maximum in fastest(origin) if maximum.speed > share * maximum.limit]
         return tuple(sorted({point for maximum in near_limits for point in maximum.points})) or None
 
-    def more(
+    def extend(
         self, point: Point, violated: Sequence[Violation], selection: Points | None
     ) -> tuple[Points | None, set[str]]:
         """Return the points with those of violated limits added, and the names of these limits."""
