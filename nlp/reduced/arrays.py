@@ -11,15 +11,13 @@ Dimensionless as in `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.air.jets import JetConstants, SpeedRegion, jet_of
-from nlp.air.limits import TARGET_SHARE, region_of
+from nlp.air.speeds import Speeds, speeds_of
 from nlp.numbers.geometry import torque_map
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
@@ -39,7 +37,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.shape import Capsule, Hull
+from topo_search.model.shape import Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -119,33 +117,6 @@ class Hulls(NamedTuple):
     """Start point and vector to the end point, shape (e, 6)."""
 
 
-class Speeds(NamedTuple):
-    """The rows of air speeds, one per load case of the task, region and module; they follow the clearances.
-
-    Each region is a `nlp.air.jets.Region`, whose axis may follow p_E.
-    """
-
-    jet: JetConstants
-    case: Indices
-    module: Indices
-    region: Indices
-    start: Array
-    """Shape (r, 3)."""
-    axis: Array
-    """Shape (r, 3)."""
-    along: Array
-    """Length of a path along p_E, -1 for a cone with its axis to the COM, else 0; shape (r,)."""
-    radius: Array
-    half_angle: Array
-    within: Array
-    over: Array
-    """Reciprocal of the limit, shape (r,) [s/m]."""
-    planes: Array
-    """Planes of all regions, shape (f, 3)."""
-    first: Indices
-    """First plane of each region, then the number of planes, shape (r + 1,)."""
-
-
 class ReducedProblem(NamedTuple):
     """A task and a topology for the compiled search."""
 
@@ -193,14 +164,14 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         task.min_thrust_to_weight,
         task.max_thrust_to_weight,
     )
-    air, speeds = module.envelope, _speeds(task)
+    air, speeds = module.envelope, speeds_of(task)
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
     return ReducedProblem(
         tree_of(topology),
         rotors,
         _cases(task, n, unit),
-        *_tabulate(list(rows(task, topology)), 0 if speeds is None else len(speeds.case)),
+        *_tabulate(list(rows(task, topology)), [] if speeds is None else speeds.lower),
         speeds,
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
         np.column_stack(task.part_cover) / unit.length,
@@ -238,7 +209,7 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
                 yield NamedRow(name, subject[search_row.subject], subject[1], requirement.margin, search_row)
 
 
-def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
+def _tabulate(named_rows: list[NamedRow], lower_speeds: Sequence[float]) -> tuple[Rows, Hulls]:
     search_rows = [row.search_row for row in named_rows]
     planes, edges, ranges = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     face_count = edge_count = 0
@@ -254,7 +225,7 @@ def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
     bodies = _kinds([row.body for row in search_rows], BODIES, ranges)
     j[(obstacles.kind != MODULE) & (obstacles.kind != AIRFLOW)] = -1
     rods = len({row.body.number for row in search_rows if isinstance(row.body, RodBody)})
-    lower = np.array([row.lower for row in named_rows] + [-math.log(TARGET_SHARE)] * speeds)
+    lower = np.array([row.lower for row in named_rows] + [*lower_speeds])
     return Rows(i, j, bodies, obstacles, lower, rods), Hulls(np.concatenate(planes), np.concatenate(edges))
 
 
@@ -267,36 +238,3 @@ def _kinds(things: Sequence[tuple[Any, ...]], kinds: Sequence[type], ranges: Map
     ]
     first = np.cumsum([0, *map(len, numbers)])[: len(things)]
     return Kinds(kind, first, np.concatenate([np.empty(0), *numbers]))
-
-
-def _speeds(task: ResolvedTask) -> Speeds | None:
-    l_arm, regions, along, over = task.module.arm_length, list[SpeedRegion](), list[float](), list[float]()
-    for exposure in task.exposure:
-        if exposure.speed is None:
-            continue
-        for shape in exposure.shapes:
-            length = shape.length / l_arm if isinstance(shape, Capsule) and shape.length else -1.0
-            along.append(length if shape.takes_direction_from_com else 0.0)  # the axis follows the platform
-            regions.append(region_of(shape.at(np.zeros(3)), l_arm, exposure.speed_reach))
-            over.append(1 / exposure.speed)
-    if not regions:
-        return None
-    case, region, module = (
-        index.ravel() for index in np.indices((len(task.declared.load_cases), len(regions), task.n))
-    )
-    axes = np.array([r.axis for r in regions]).reshape(-1, 3) * (np.array(along) == 0.0)[:, None]
-    return Speeds(
-        jet_of(task.module, task.air_density, task.gravity),
-        case,
-        module,
-        region,
-        np.array([r.start for r in regions]).reshape(-1, 3),
-        axes,
-        np.array(along),
-        np.array([r.radius for r in regions]),
-        np.array([r.half_angle for r in regions]),
-        np.array([r.within for r in regions]),
-        np.array(over),
-        np.concatenate([np.empty((0, 3)), *(r.planes for r in regions)]),
-        np.cumsum([0, *(len(r.planes) for r in regions)]),
-    )
