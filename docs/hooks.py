@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import tomllib
 from functools import partial
 from importlib import resources
 from itertools import pairwise
@@ -22,10 +23,11 @@ from topo_search.model.files import examples, task_template
 from topo_search.model.proven import gap_percent
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
-PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
-RESULTS = Path(__file__).parents[1] / "notebooks/results"
-BENCHMARKS = Path(__file__).parents[1] / "tests/benchmarks/README.md"
-SCHEMAS = Path(__file__).parents[1] / "topo_search/schemas"
+ROOT = Path(__file__).parents[1]
+PICTURES = ROOT / "notebooks/pictures"
+RESULTS = ROOT / "notebooks/results"
+BENCHMARKS = ROOT / "tests/benchmarks/README.md"
+SCHEMAS = ROOT / "topo_search/schemas"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -47,6 +49,19 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
 def _benchmarks() -> str:
     return BENCHMARKS.read_text(encoding="utf-8").partition("\n")[2]
+
+
+def _reading_path() -> str:
+    """Return a table of the core's files in the order of its contract, with the first lines of their docstrings."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (contract,) = (each for each in settings["contracts"] if each["name"] == "core imports no feature")
+    rows = ["| file | |", "|---|---|"]
+    for module in contract["source_modules"]:
+        path = ROOT / module.replace(".", "/")
+        for file in sorted(path.glob("*.py")) or [path.with_suffix(".py")]:
+            docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            rows.append(f"| `{file.relative_to(ROOT)}` | {docstring.partition(chr(10))[0]} |")
+    return "\n".join(rows)
 
 
 def _commands() -> str:
@@ -190,6 +205,7 @@ REQUIREMENTS = {
     "pseudo-inverse": "as shipped, with the pseudo-inverse",
 }
 GENERATED = {
+    "reading path": _reading_path,
     "flights of requirements": _requirements,
     "benchmarks": _benchmarks,
     "commands": _commands,
