@@ -23,7 +23,8 @@ from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import summary_lines
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
-from topo_search.model.design import Relaxation
+from topo_search.model.design import Relaxation, ShorterRod
+from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound
@@ -34,7 +35,7 @@ from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
 from topo_search.study.ledger import Row
-from topo_search.study.proofs import ProofState
+from topo_search.study.proofs import ProofState, problem
 from topo_search.study.proving import Checked, CheckedTree
 
 UNITS = {"mm": 1e-3, "cm": 1e-2}
@@ -197,3 +198,30 @@ def test_reasons_why_nothing_can_do_a_task():
         message = prove_impossible(reach).message
         check(message.split("so that")[-1], least=x - reach.module.connector_distance)
         check(message, most=0.1)
+
+
+def test_the_scope_of_a_proof():
+    for x in draws(25, 0.1, 1.0):
+        task = hover(3, search={"interference": "separation", "separation": x}).resolve(3)
+        check(problem(task, "task"), most=x)
+
+
+@pytest.mark.parametrize(("cost", "side"), [(0.0123, "most"), (None, "least")])
+def test_what_a_shorter_rod_costs(cost, side):
+    for length in (0.23456, 0.23444):
+        check(ShorterRod(length_m=length, cost=cost).words, **{side: length})
+
+
+def test_a_needed_and_an_available_amount_stay_apart():
+    rng = np.random.default_rng(3)
+    for _ in range(500):
+        below = float(np.exp(rng.uniform(-7, 7)))
+        above = below * (1 + 10.0 ** rng.uniform(-9, 0))
+        more, less = map(Fraction, excess_texts(above, below))
+        assert (
+            Fraction(below) * (1 - Fraction(1, 10**14))
+            <= less
+            < more
+            <= Fraction(above) * (1 + Fraction(1, 10**14))
+        )
+    assert excess_texts(0.85006, 0.5) == ("0.85", "0.5")

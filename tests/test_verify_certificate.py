@@ -228,3 +228,16 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
     assert all("not confirmed by FCL" in line for line in levels)
     monkeypatch.setattr(verify.certificate, "encloses", lambda mesh, body: False)
     assert "level 1: a mesh fails its own check" in certificate().evidence
+
+
+@pytest.mark.parametrize("half_angle", [60.0, 90.0])
+def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
+    cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
+    inside, outside = (Solid(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
+    assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
+    with monkeypatch.context() as patch:
+        patch.setattr(Shape, "overlaps", lambda self, other: True)
+        assert all("not confirmed by FCL" in line for line in certify_inside(inside, cone).evidence[1:])
+        assert certify_inside(outside, cone).evidence == ()
+    monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_: (-0.25, 1.0))
+    assert "clearance -0.25 at" in certify_inside(inside, cone).evidence[0]
