@@ -28,7 +28,7 @@ from nlp.multistart import POLISHING, PolishLimits, ReducedSearch
 from nlp.numbers.geometry import allowed_folds, signs
 from nlp.numbers.point import Point
 from nlp.reduced import reason_against
-from nlp.reduced.search import SELECTION, LocalMinimum, local_minima
+from nlp.reduced.search import SELECTION, Descent, local_minima
 from nlp.requirements.modules import module_clearances
 from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
@@ -60,7 +60,7 @@ MAX_REDUCED, MAX_FULL = 4096, 48
 
 Combination = tuple[int, ...]
 """Index into the set for each hinge."""
-Minimum = TypeVar("Minimum", LocalMinimum, StartResult)
+Minimum = TypeVar("Minimum", Descent, StartResult)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def _solve_reduced(
     search, angles = ReducedSearch(task, topology, 0, constraints, most_effort), _Set(task, topology)
     problem, hinges = search.problem, slice(3, topology.n + 2)
 
-    def solve(start: int, x: Array, combination: Combination) -> _Solution[LocalMinimum]:
+    def solve(start: int, x: Array, combination: Combination) -> _Solution[Descent]:
         x, lower, upper = x[: len(problem.lower)].copy(), problem.lower.copy(), problem.upper.copy()
         for array in (x, lower, upper):
             array[hinges] = angles.angles(combination)

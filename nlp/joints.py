@@ -200,11 +200,8 @@ def _vectors(
     modules, tip, p_COM = variables.platform(task, topology)
     o, q, up = [pose.p - p_COM for pose in modules], tip - p_COM, ca.DM([0, 0, 1])
     joints = {i: o[h] + l_c * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
-    inertias, m_J, m_R = (
-        [module_inertia(pose.R, module) for pose in modules],
-        module.joint_mass / module.mass,
-        carried.rod.mass,
-    )
+    inertias = [module_inertia(pose.R, module) for pose in modules]
+    m_J, m_R = module.joint_mass / module.mass, carried.rod.mass
     inertia = platform_inertia(o, [pose.R for pose in modules], q, carried)
     d = rod_vector(o, [pose.R for pose in modules], q, carried.rod)
     r_R, spin_R = q - d / 2, rod_inertia(d, carried.rod)
@@ -212,13 +209,11 @@ def _vectors(
     vectors = []
     for load in limited:
         case, c = task.load_cases[load.case], joints[load.child]
-        f_C, tau_C = scale(case.at_com.force, unit.force), scale(case.at_com.torque, unit.torque)
-        f_E, tau_E = (
-            scale(case.at_end_effector.force, unit.force),
-            scale(case.at_end_effector.torque, unit.torque),
-        )
+        at_com, at_tip = case.at_com, case.at_end_effector
+        f_C, tau_C = scale(at_com.force, unit.force), scale(at_com.torque, unit.torque)
+        f_E, tau_E = scale(at_tip.force, unit.force), scale(at_tip.torque, unit.torque)
         a, spin = f_C / carried.total - up, ca.SX.zeros(3)
-        if any(case.at_com.torque):
+        if any(at_com.torque):
             spin = ca.solve(inertia, tau_C)
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
         for j in outward[load.child]:

@@ -23,15 +23,7 @@ from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.reduced.arrays import ReducedProblem, to_arrays
 from nlp.reduced.descent import descend
-from nlp.reduced.search import (
-    FIRST,
-    SECOND,
-    SELECTION,
-    STIFF,
-    LocalMinimum,
-    local_minima,
-    point_of,
-)
+from nlp.reduced.search import FIRST, SECOND, SELECTION, STIFF, Descent, local_minima, merge, point_of
 from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
@@ -117,9 +109,6 @@ NOT_POLISHED = "not polished"
 """Status of a start whose minimum was not among the best."""
 
 
-Minima = list[LocalMinimum]
-
-
 class ReducedSearch:
     """The reduced search and the polish of one task and topology."""
 
@@ -141,7 +130,7 @@ class ReducedSearch:
         self._in_air = _limits_air(task)
         self._max_merit = None if most_effort is None else most_effort / self.effort_unit
 
-    def minima_of_starts(self, starts: Sequence[int], *, deep: bool = False) -> tuple[Minima, Minima]:
+    def minima_of_starts(self, starts: Sequence[int], *, deep: bool = False) -> tuple[list[Descent], list[Descent]]:
         """Return the best distinct local minima that the starts reach, and where the other descents were stopped.
 
         Each names the starts that reached it.
@@ -165,7 +154,7 @@ class ReducedSearch:
         )
         return _with_starts(best, starts), _with_starts(stopped, starts)
 
-    def minima_of_sources(self, near: Sequence[Design]) -> list[LocalMinimum]:
+    def minima_of_sources(self, near: Sequence[Design]) -> list[Descent]:
         """Return the local minima reached from carried-over designs, as the starts -1, -2, ..."""
         minima = []
         for start, source in zip(range(-1, -1 - len(near), -1), near, strict=True):
@@ -175,14 +164,14 @@ class ReducedSearch:
             minima += [replace(minimum, starts=(start,)) for minimum in best]
         return minima
 
-    def deep_minima(self, least_violation: float) -> list[LocalMinimum]:
+    def deep_minima(self, least_violation: float) -> list[Descent]:
         """Return the best distinct local minima of many starts at high prices, with hinges turned either way.
 
         The search runs in batches. It stops when a minimum violates next to nothing, or when the later half of the
         batches hardly decreased the merit. With limits on air speed, whose rows cost more, it runs one batch, and
         none if `least_violation`, that of the other starts, is large.
         """
-        minima: list[LocalMinimum] = []
+        minima: list[Descent] = []
         if self._in_air and least_violation > DEEP.max_violation:
             return minima
         least_merits: list[float] = []  # after each batch
@@ -198,7 +187,7 @@ class ReducedSearch:
                 break
         return minima
 
-    def polish(self, minima: list[LocalMinimum], plain: PolishLimits | None = None) -> Iterator[StartResult]:
+    def polish(self, minima: list[Descent], plain: PolishLimits | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, once for each of their starts.
 
         Args:
@@ -225,12 +214,12 @@ class ReducedSearch:
                 least_effort = min(least_effort, result.objective / self.effort_unit)
             yield from (replace(result, start=start) for start in minimum.starts)
 
-    def without_polish(self, minimum: LocalMinimum) -> StartResult:
+    def without_polish(self, minimum: Descent) -> StartResult:
         """Return the result of a minimum's best start, at the point that its descent reached."""
         point = correct_point(self._origin(minimum), self._constraints)
         return judge(self._task, minimum.starts[0], point, NOT_POLISHED, self._constraints)
 
-    def _origin(self, minimum: LocalMinimum) -> Point:
+    def _origin(self, minimum: Descent) -> Point:
         """Return a local minimum as a point of the task with the corners that were active there."""
         task, active = self._plain, minimum.active[len(self._plain.load_cases) :]
         if isinstance(self._task, CorneredTask):
@@ -284,7 +273,7 @@ def solve_starts(
     best = search.minima_of_sources(near)
     if most_effort is not None:
         return list(search.polish(best + search.minima_of_starts(starts)[0]))
-    stopped: list[LocalMinimum] = []
+    stopped: list[Descent] = []
     if starts:
         reached, stopped = search.minima_of_starts(starts)
         best += reached
@@ -306,22 +295,16 @@ def _limits_air(task: ResolvedTask) -> bool:
     return any(exposure.speed is not None for exposure in task.exposure)
 
 
-def _with_starts(minima: Minima, starts: Sequence[int]) -> Minima:
+def _with_starts(minima: list[Descent], starts: Sequence[int]) -> list[Descent]:
     return [replace(m, starts=tuple(dict.fromkeys(starts[draw // DRAWS] for draw in m.starts))) for m in minima]
 
 
-def _rank(minimum: LocalMinimum) -> tuple[bool, float]:
+def _rank(minimum: Descent) -> tuple[bool, float]:
     return minimum.violation > POLISHING.small_violation, minimum.merit  # small violations first
 
 
-def _merge(minima: list[LocalMinimum]) -> list[LocalMinimum]:
+def _merge(minima: list[Descent]) -> list[Descent]:
     """Return the minima, the best first, with those of equal merit merged."""
-    merged: list[LocalMinimum] = []
-    for minimum in sorted(minima, key=lambda minimum: (*_rank(minimum), minimum.starts)):
-        last = merged[-1] if merged else None
-        tolerance = SELECTION.same_merit_after * abs(minimum.merit)
-        if last and _rank(last)[0] == _rank(minimum)[0] and minimum.merit - last.merit <= tolerance:
-            merged[-1] = replace(last, starts=tuple(dict.fromkeys(last.starts + minimum.starts)))
-        else:
-            merged.append(minimum)
-    return merged
+    ordered = sorted(minima, key=lambda minimum: (minimum.merit, minimum.starts))
+    small, large = ([m for m in ordered if _rank(m)[0] == is_large] for is_large in (False, True))
+    return merge(small, SELECTION.same_merit_after) + merge(large, SELECTION.same_merit_after)

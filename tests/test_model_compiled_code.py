@@ -10,7 +10,7 @@ import numba
 import pytest
 
 import nlp.air.rows
-import nlp.bounds.branch.proof
+import nlp.bounds.branch.search
 import nlp.reduced.platform
 import nlp.starts.reduced_starts
 import verify.proof.check
@@ -61,7 +61,7 @@ def test_all_rooms_of_compiled_code_are_marked():
         (nlp.air.rows, nlp.air.rows.derive_speeds),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.starts.reduced_starts, nlp.starts.reduced_starts.place_starts),
-        (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),
+        (nlp.bounds.branch.search, nlp.bounds.branch.search.search),
         (verify.proof.check, verify.proof.check.replay.replay),
     ):
         room = Path(str(module.__file__)).parent

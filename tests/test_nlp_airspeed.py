@@ -16,7 +16,7 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.descent import Evaluation, evaluate
-from nlp.reduced.search import LocalMinimum, point_of
+from nlp.reduced.search import Descent, point_of
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
 from verify.air.bound import air, case_jets
@@ -148,7 +148,7 @@ def test_a_row_of_the_reduced_search_is_at_the_near_side_of_a_ball_that_an_axis_
     reduced, counting = to_arrays(task, topology), np.ones(1, bool)
     x = np.zeros(len(reduced.lower))
     row = evaluate(reduced, x, np.zeros((1, 6)), counting, 1e4).g[-1]
-    (at,) = fastest(point_of(task, topology, reduced, LocalMinimum(x, 0.0, 0.0, (0,), counting)))
+    (at,) = fastest(point_of(task, topology, reduced, Descent.from_start((0,), x, counting)))
     assert np.exp(-row) == pytest.approx(at.speed / 2.0, rel=0.05)
 
 

@@ -35,18 +35,14 @@ from verify.requirements import Scene
 
 def seen(stated, lower, upper):
     """All that the bound of a box is computed from."""
-    n, A = len(stated.tree.parent), len(lower)
-    middle, vertices = frames.empty_frames(n), frames.empty_frames(stated.tree.first[-1])
-    axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
-    roots, at = np.zeros((9, 3, 3)), (lower + upper) / 2
-    frames.fill_middle_frames(stated.tree, stated.l_c, at, middle, axes)
-    frames.fill_vertex_frames(stated.tree, stated.l_c, lower, upper, vertices)
-    search.fill_roots(lower, upper, at, roots)
-    return roots, middle, axes, vertices, (upper - lower) / 2
+    at = frames.empty_box(stated.tree)
+    frames.fill_box(stated.tree, stated.l_c, lower, upper, at)
+    frames.fill_roots(lower, upper, at)
+    return at
 
 
 def bound_of(stated, y, sigma, lower, upper):
-    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.bound_workspace(stated), math.inf)
+    return box.bound(stated, y, sigma, seen(stated, lower, upper), box.bound_workspace(stated), math.inf)
 
 
 def dual_value(task, tree, theta, tip, y, walls):
@@ -102,7 +98,7 @@ def half_spaces(task):
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
-    worst_vertex.enforce_condition(stated, y, sigma)
+    worst_vertex.enforce_condition(stated, multipliers.newton_workspace(stated), y, sigma)
     return y, sigma
 
 
@@ -168,7 +164,7 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     stated, (least, most) = to_arrays(task, tree), whole_box(task, task.n)
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
-    multiplied, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.bound_workspace(stated))
+    multiplied, looked_at = multipliers_for(stated, rng), (seen(stated, lower, upper), box.bound_workspace(stated))
     proven = box.bound(stated, *multiplied, *looked_at, math.inf)
     assert box.bound(stated, *multiplied, *looked_at, proven) == proven
     above = proven + 1e-6 * abs(proven)
@@ -177,11 +173,10 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
 
 def looked_at(stated, theta, y, flat):
     """D at a point, with arrays for the multipliers' search there, and the slopes' parts."""
-    roots, middle, axes, _, _ = seen(stated, theta, theta)
-    work = multipliers.newton_workspace(stated)
+    at, work = seen(stated, theta, theta), multipliers.newton_workspace(stated)
     work.ridge[:] = 0.0
-    multipliers.fill_wrenches(stated, roots[0], middle, work)
-    slopes.fill(stated, roots[0], middle, axes, work, flat)
+    multipliers.fill_wrenches(stated, at, work)
+    slopes.fill(stated, at, work, flat)
     return multipliers.dual_value(stated, work, y), work
 
 
@@ -220,20 +215,23 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         tree = random_tree(4, rng, aligned=True)
         stated = to_arrays(task, reroot(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
-        roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
-        work, flat = multipliers.newton_workspace(stated), slopes.empty_slopes(4, len(rho))
-        multipliers.fill_wrenches(stated, roots[0], middle, work)
-        work.ridge[:] = search.BRANCHING.ridge * 4 / 24 * (rho**2).sum()
+        at, work, flat = (
+            seen(stated, lower, lower + 0.4),
+            multipliers.newton_workspace(stated),
+            slopes.empty_slopes(4, 6),
+        )
+        multipliers.fill_wrenches(stated, at, work)
+        work.ridge[:] = search.BRANCHING.ridge * 4 / 24 * (at.rho**2).sum()
         y = np.zeros((3, 6))
         y[:, :3] = 2 * stated.loads.f
         if multipliers.maximize(stated, work, y, 4, effort) > effort:
             continue
-        slopes.fill(stated, roots[0], middle, axes, work, flat)
+        slopes.fill(stated, at, work, flat)
         before = y.copy()
-        slopes.flatten(stated, work, flat, rho, y, 3, effort)
-        first, last = (slopes._value(stated, work, flat, rho, one, flat.g) for one in (before, y))
+        slopes.flatten(stated, work, flat, at.rho, y, 3, effort)
+        first, last = (slopes._value(stated, work, flat, at.rho, one, flat.g) for one in (before, y))
         assert last >= first
-        assert multipliers.load_residual(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
+        assert multipliers.lever_sum(stated.loads.g, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
         higher.append(last > first)
     assert len(higher) >= 6
     assert sum(higher) > 0.5 * len(higher)
@@ -274,9 +272,7 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
     for _ in range(60):
         middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-        _, at, axes, vertices, rho = seen(stated, lower, upper)
-        where = crowding(stated, at, axes, vertices, rho, np.zeros(len(least)))
-        if where != EVERYWHERE:
+        if crowding(stated, seen(stated, lower, upper), np.zeros(len(least))) != EVERYWHERE:
             continue
         found += 1
         for _ in range(10 if rule == "airflow" else 2):
@@ -291,8 +287,7 @@ def test_a_box_whose_vertices_alone_are_too_close_is_not_crowded():
     tree = Topology(((-1, -1, -1), (0, 0, 2)))
     for start, crowded in ((-0.1, False), (0.2, True)):
         lower, upper = np.array([0.0, 0.0, 0.0, start]), np.array([0.0, 0.0, 0.0, 0.3])
-        _, at, axes, vertices, rho = seen(to_arrays(task, tree), lower, upper)
-        where = crowding(to_arrays(task, tree), at, axes, vertices, rho, np.zeros(4))
+        where = crowding(to_arrays(task, tree), seen(to_arrays(task, tree), lower, upper), np.zeros(4))
         assert (where == EVERYWHERE) is crowded
 
 
@@ -310,8 +305,7 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
         theta = np.clip(spread * rng.normal(size=len(least)), least, most)
         if clearance_missed(task, tree, theta):
             found += 1
-            _, at, axes, vertices, rho = seen(stated, theta, theta)
-            assert crowding(stated, at, axes, vertices, rho, np.zeros(len(least))) == EVERYWHERE
+            assert crowding(stated, seen(stated, theta, theta), np.zeros(len(least))) == EVERYWHERE
     assert found > 0
 
 
@@ -390,10 +384,10 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
         """A lower bound of the effort at these angles, next to it where they can do the task; else infinity."""
         if np.any(theta < least) or np.any(theta > most):
             return math.inf
-        roots, middle, axes, vertices, rho = seen(stated, theta, theta)
-        if crowding(stated, middle, axes, vertices, rho, np.zeros(A)) >= AT_MIDDLE:
+        at = seen(stated, theta, theta)
+        if crowding(stated, at, np.zeros(A)) >= AT_MIDDLE:
             return math.inf
-        multipliers.fill_wrenches(stated, roots[0], middle, work)
+        multipliers.fill_wrenches(stated, at, work)
         y = np.zeros((2, 6))
         y[:, :3] = 4 * stated.loads.f
         return multipliers.maximize(stated, work, y, 60, 1e9) * unit

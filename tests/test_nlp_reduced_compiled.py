@@ -5,7 +5,7 @@ from nlp_cases import push
 
 import nlp
 from nlp import multistart
-from nlp.bounds.branch import proof
+from nlp.bounds.branch.search import search
 from topo_search.model import Task
 from topo_search.model.topology import straight_chain
 from verify.proof import check
@@ -43,13 +43,16 @@ def test_the_solver_is_compiled_before_its_first_job(monkeypatch):
 
 
 @pytest.mark.compiles
-@pytest.mark.parametrize(("module", "prepare"), [(proof, nlp.prepare_proof), (check, check.prepare_check)])
+@pytest.mark.parametrize(
+    ("module", "prepare"),
+    [("topo_search.model.compiled_code", nlp.prepare_proof), ("verify.proof.check", check.prepare_check)],
+)
 def test_proofs_and_their_check_tell_that_they_are_compiled(module, prepare, monkeypatch):
     found: list[str] = []
-    monkeypatch.setattr(module, "is_cached", lambda function: False)
+    monkeypatch.setattr(f"{module}.is_cached", lambda function: False)
     prepare(push(3), found.append)
     assert ["compiling" in text for text in found] == [True]
-    monkeypatch.setattr(module, "is_cached", lambda function: True)
+    monkeypatch.setattr(f"{module}.is_cached", lambda function: True)
     prepare(push(3), found.append)
     assert len(found) == 1
 
@@ -59,8 +62,8 @@ def test_all_that_a_proof_takes_is_compiled_before():
     task = push(4)
     nlp.prepare_proof(push(3), print)
     check.prepare_check(push(3), print)
-    before = proof.search.signatures, check.replay.replay.signatures
+    before = search.signatures, check.replay.replay.signatures
     tree = straight_chain(4)
     chunk = nlp.prove_chunk(task, tree, 0, 1e9)
     check.check_chunk(task, tree, nlp.proof_root(task, tree), 1e9, chunk)
-    assert (proof.search.signatures, check.replay.replay.signatures) == before
+    assert (search.signatures, check.replay.replay.signatures) == before

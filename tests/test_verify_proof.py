@@ -211,9 +211,8 @@ def crowded_at(task, tree, theta, problem):
     triangles, _ = framed(stated, theta, theta)
     _, at = framed_middle(stated, theta)
     other = to_arrays(task, tree, problem)
-    _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
-        crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == EVERYWHERE,
+        crowding(other, seen(other, theta, theta), np.zeros(len(theta))) == EVERYWHERE,
         bool(crowded.find_crowded_pair(stated, triangles, at, np.zeros(2, np.int64))),
     )
 

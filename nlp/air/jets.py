@@ -306,11 +306,8 @@ def to_shape(region: SpeedRegion, x: Array, slopes: Array) -> None:
         x[0], x[1], x[2] = x[0] + shift * d0, x[1] + shift * d1, x[2] + shift * d2
         return
     d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
-    r, sine, cosine = (
-        math.sqrt(d0 * d0 + d1 * d1 + d2 * d2),
-        math.sin(region.half_angle),
-        math.cos(region.half_angle),
-    )
+    r = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+    sine, cosine = math.sin(region.half_angle), math.cos(region.half_angle)
     depth = along * sine - r * cosine
     if depth <= 0.0:
         return

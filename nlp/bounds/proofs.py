@@ -1,21 +1,16 @@
 """Proofs that a task is impossible for all topologies of a size, or for one topology.
 
 Every rule drops the requirements that it does not name, so a task that it refutes is impossible with these as well.
-
-The branch and bound is imported on use: it is compiled, and other commands need not load it.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 from nlp.bounds.air import refute_airspeed
 from nlp.bounds.effort import lightest_task
 from nlp.bounds.reach import refute_path, refute_reach, refute_rotors, refute_stand_off
 from nlp.bounds.refutation import Refutation, size_text
 from nlp.bounds.wrenches import refute_axes, refute_failures, refute_forces, refute_lift, refute_torque
-from topo_search.model import Chunk, Infeasible, ResolvedTask, Topology
-from topo_search.model.proof import Problem
+from topo_search.model import Infeasible, ResolvedTask, Topology
 
 
 def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> Infeasible | None:
@@ -58,39 +53,3 @@ def _reserve_prefix(task: ResolvedTask, topology: Topology | None) -> str:
 def _refute_shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Refute the task by the shape of the tree at any hinge angles; without a tree, by that of every tree."""
     return refute_torque(task, topology) or refute_path(task, topology) or refute_stand_off(task, topology)
-
-
-def prove_chunk(
-    task: ResolvedTask,
-    topology: Topology,
-    number: int,
-    cut: float,
-    problem: Problem = "task",
-    *,
-    most_boxes: int | None = None,
-) -> Chunk:
-    """Search one chunk of a tree's angles for designs that cost less than a cut.
-
-    Args:
-        task: task.
-        topology: tree.
-        number: number of the chunk.
-        cut: effort [rad^4/s^4].
-        problem: designs that the proof covers (`topo_search.model.proof`).
-        most_boxes: limit on the number of boxes, beyond which the chunk stays open; by default
-            `nlp.bounds.branch.proof.MAX_BOXES`.
-
-    Raises:
-        ValueError: No chunk has this number.
-    """
-    from nlp.bounds.branch import proof
-
-    max_boxes = proof.MAX_BOXES if most_boxes is None else most_boxes
-    return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=max_boxes)
-
-
-def prepare_proof(task: ResolvedTask, tell: Callable[[str], None]) -> None:
-    """Compile the code of a proof before workers need it; `tell` gets a message if that takes long."""
-    from nlp.bounds.branch import proof
-
-    proof.prepare(task, tell)

@@ -103,6 +103,19 @@ class DescentPhase(NamedTuple):
     """Decrease of the merit M in a step, relative to 1 + M, at which a round ends."""
 
 
+class StepModel(NamedTuple):
+    """The model q of a step."""
+
+    dV: Array
+    J: Array
+    B: Array
+    sigma: float
+    s: Array
+    """lambda_r + sigma (m_r - g_r) of each relevant row."""
+    relevant: Indices
+    """Rows that may be active within the bounds on the step."""
+
+
 @njit(cache=True)
 def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: float) -> Evaluation:
     """Return the reduced problem at x with its active load cases; mu warm-starts the search for the inputs."""
@@ -228,7 +241,7 @@ def _model_step(
     N, m = len(point.x), len(point.g)
     s = np.empty(m)
     relevant = np.empty(m, np.int64)
-    rows, dV, J, is_near, g = 0, point.dV, point.J, point.is_near, point.g
+    rows, J, is_near, g = 0, point.J, point.is_near, point.g
     for r in range(m):
         if is_near[r]:
             s[rows] = multipliers[r] + sigma * (lower[r] - g[r])
@@ -241,7 +254,8 @@ def _model_step(
     d, trial = np.zeros(N), np.empty(N)
     gradient, H = np.empty(N), np.empty((N, N))
     free, index = np.empty(N, np.bool_), np.empty(N, np.int64)
-    first = _model(dV, J, B, sigma, s, relevant, rows, d, gradient, H)
+    model = StepModel(point.dV, J, B, sigma, s, relevant[:rows])
+    first = _model(model, d, gradient, H)
     value = first
     y = np.empty(N)
     for _ in range(DESCENT.newton_steps):
@@ -261,7 +275,7 @@ def _model_step(
         for _ in range(20):
             for l in range(N):
                 trial[l] = min(max(d[l] + t * y[l], low[l]), high[l])
-            trial_value = _model(dV, J, B, sigma, s, relevant, rows, trial, gradient, H)
+            trial_value = _model(model, trial, gradient, H)
             if trial_value < value:
                 decreased = True
                 break
@@ -300,20 +314,9 @@ def _newton(
 
 
 @njit(cache=True, inner=True, literals=False, allocates=False)
-def _model(
-    dV: Array,
-    J: Array,
-    B: Array,
-    sigma: float,
-    s: Array,
-    relevant: Indices,
-    rows: int,
-    d: Array,
-    gradient: Array,
-    H: Array,
-) -> float:
+def _model(model: StepModel, d: Array, gradient: Array, H: Array) -> float:
     """Return q(d), with its gradient and the lower half of its Hessian."""
-    N, value = len(d), 0.0
+    N, value, (dV, J, B, sigma, s, relevant) = len(d), 0.0, model
     for a in range(N):
         Bd = 0.0
         for b in range(N):
@@ -322,7 +325,7 @@ def _model(
         value += d[a] * (dV[a] + Bd / 2)
         for b in range(a + 1):
             H[a, b] = B[a, b]
-    for k in range(rows):
+    for k in range(len(relevant)):
         r = relevant[k]
         multiplier = s[k]
         for a in range(N):

@@ -12,13 +12,14 @@ already produce has almost no gradient.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.reduced.arrays import Indices, Mask, ReducedProblem
+from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.descent import DescentPhase, Evaluation, descend, estimates, evaluate, merit
 from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
@@ -124,42 +125,29 @@ class Selection(NamedTuple):
 SELECTION = Selection()
 
 
-class Descents(NamedTuple):
-    """State of the descents from several starts."""
-
-    x: Array
-    """Unknowns, shape (s, N)."""
-    active: Mask
-    """The active load cases, shape (s, K)."""
-    mu: Array
-    """Their dual unknowns, shape (s, K, 6)."""
-    B: Array
-    """Curvature of the Lagrangians, shape (s, N, N); zero before the first step."""
-    merit: Array
-    """Shape (s,)."""
-    violation: Array
-    """Same as in `LocalMinimum`, shape (s,)."""
-
-    def select(self, indices: Indices) -> Descents:
-        """Return the descents with some indices."""
-        x, active, mu, B, merit, violation = self
-        return Descents(x[indices], active[indices], mu[indices], B[indices], merit[indices], violation[indices])
-
-
 @dataclass(frozen=True)
-class LocalMinimum:
-    """Local minimum that some starts reached."""
+class Descent:
+    """State of a descent; at its end a local minimum."""
 
-    x: Array
-    """The unknowns."""
-    merit: float
-    """Effort, as in the printed problem's objective, plus the priced violations."""
-    violation: float
-    """Largest missing clearance [l_arm] or residual of a wrench [m_t g, l_arm m_t g]."""
     starts: tuple[int, ...]
     """Indices of the starts that reached it, the best one first."""
+    x: Array
+    """The unknowns."""
     active: Mask
     """The active load cases, shape (K,)."""
+    mu: Array
+    """Their dual unknowns, shape (K, 6)."""
+    B: Array
+    """Curvature of the Lagrangian, shape (N, N); zero before the first step."""
+    merit: float = 0.0
+    """Effort, as in the printed problem's objective, plus the priced violations."""
+    violation: float = 0.0
+    """Largest missing clearance [l_arm] or residual of a wrench [m_t g, l_arm m_t g]."""
+
+    @classmethod
+    def from_start(cls, starts: tuple[int, ...], x: Array, active: Mask) -> Descent:
+        """Return a descent before its first step."""
+        return cls(starts, x, active, np.zeros((len(active), 6)), np.zeros((len(x), len(x))))
 
 
 def local_minima(
@@ -169,7 +157,7 @@ def local_minima(
     *,
     min_minima: int = SELECTION.min_minima,
     min_starts: int = SELECTION.min_starts,
-) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
+) -> tuple[list[Descent], list[Descent]]:
     """Return the best distinct local minima of the starts, by merit, and those that did not continue to phase two.
 
     Args:
@@ -179,47 +167,44 @@ def local_minima(
         min_minima: smallest number of distinct minima that continue, if there are that many.
         min_starts: smallest number of starts that remain when the worse half is stopped.
     """
-    descents = new_descents(starts, np.tile(problem.cases.group < 0, (len(starts), 1)))
+    descents = [Descent.from_start((s,), x, problem.cases.group < 0) for s, x in enumerate(starts)]
     minima, stopped = _first_phase(problem, descents, phases[0], min_starts)
     count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
-    best = minima[:count]
-    descents = new_descents(
-        np.array([minimum.x for minimum in best]), np.array([minimum.active for minimum in best])
-    )
-    descents = descend_all(problem, descents, phases[1])
-    merged = _merge(descents, [minimum.starts for minimum in best], SELECTION.same_merit_after)
-    return merged, minima[count:] + stopped
+    best = [Descent.from_start(minimum.starts, minimum.x, minimum.active) for minimum in minima[:count]]
+    ends = [_descend(problem, descent, phases[1]) for descent in best]
+    return merge(_by_merit(ends), SELECTION.same_merit_after), minima[count:] + stopped
 
 
 def _first_phase(
-    problem: ReducedProblem, descents: Descents, phase: DescentPhase, min_starts: int
-) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
+    problem: ReducedProblem, descents: list[Descent], phase: DescentPhase, min_starts: int
+) -> tuple[list[Descent], list[Descent]]:
     """Run the first phase; return the distinct minima of the better starts, and where the others were stopped."""
-    remaining, stopped = np.arange(len(descents.x)), list[LocalMinimum]()
-    if len(remaining) > min_starts:
-        descents = descend_all(problem, descents, phase._replace(steps=SELECTION.halving_step))
-        order, half = np.argsort(descents.merit, kind="stable"), max(min_starts, len(remaining) // 2)
-        worse: list[tuple[int, ...]] = [(s,) for s in remaining[order[half:]].tolist()]
-        stopped = _merge(descents.select(order[half:]), worse, SELECTION.same_merit)
-        descents, remaining = descents.select(order[:half]), remaining[order[:half]]
+    stopped = list[Descent]()
+    if len(descents) > min_starts:
+        few_steps, half = phase._replace(steps=SELECTION.halving_step), max(min_starts, len(descents) // 2)
+        ordered = _by_merit([_descend(problem, descent, few_steps) for descent in descents])
+        descents, stopped = ordered[:half], merge(ordered[half:], SELECTION.same_merit)
         phase = phase._replace(steps=phase.steps - SELECTION.halving_step)
-    descents = descend_all(problem, descents, phase)
-    return _merge(descents, [(s,) for s in remaining.tolist()], SELECTION.same_merit), stopped
+    ends = [_descend(problem, descent, phase) for descent in descents]
+    return merge(_by_merit(ends), SELECTION.same_merit), stopped
 
 
-def _merge(descents: Descents, starts: list[tuple[int, ...]], same_merit: float) -> list[LocalMinimum]:
-    """Return the minima by merit, with those of equal merit merged."""
-    minima: list[LocalMinimum] = []
-    x, active, _, _, merits, violations = descents
-    for s in np.argsort(merits, kind="stable").tolist():
-        if minima and merits[s] - minima[-1].merit <= same_merit * abs(merits[s]):
-            minima[-1] = replace(minima[-1], starts=minima[-1].starts + starts[s])
+def _by_merit(descents: list[Descent]) -> list[Descent]:
+    return [descents[k] for k in np.argsort([descent.merit for descent in descents], kind="stable")]
+
+
+def merge(descents: Iterable[Descent], same_merit: float) -> list[Descent]:
+    """Return descents, in order of merit, with those of equal merit merged."""
+    merged: list[Descent] = []
+    for descent in descents:
+        if merged and descent.merit - merged[-1].merit <= same_merit * abs(descent.merit):
+            merged[-1] = replace(merged[-1], starts=tuple(dict.fromkeys(merged[-1].starts + descent.starts)))
         else:
-            minima.append(LocalMinimum(x[s], float(merits[s]), float(violations[s]), starts[s], active[s]))
-    return minima
+            merged.append(descent)
+    return merged
 
 
-def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, minimum: LocalMinimum) -> Point:
+def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, minimum: Descent) -> Point:
     """Return a local minimum as a point, with the inputs of the second phase.
 
     Args:
@@ -236,29 +221,11 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, mi
     return Point(task, topology, root, alpha, tip, u[minimum.active].reshape(-1, n, 4) * unit.input)
 
 
-def new_descents(starts: Array, active: Mask) -> Descents:
-    """Return descents before their first step.
-
-    Args:
-        starts: unknowns, shape (s, N).
-        active: the active load cases of each start, shape (s, K).
-    """
-    (s, N), K = starts.shape, active.shape[1]
-    return Descents(starts, active, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
-
-
-def descend_all(problem: ReducedProblem, descents: Descents, phase: DescentPhase) -> Descents:
-    """Run one phase of all descents; they keep their curvature."""
-    states = zip(descents.x, descents.active, descents.mu, descents.B, strict=True)
-    return Descents(*map(np.array, zip(*(_descend(problem, *state, phase) for state in states), strict=True)))
-
-
-def _descend(
-    problem: ReducedProblem, x: Array, active: Mask, mu: Array, B: Array, phase: DescentPhase
-) -> tuple[Array, Mask, Array, Array, float, float]:
-    """Run one phase of a descent, and return its state (`Descents`)."""
-    lower, unmet = problem.rows.lower, 0.0
-    multipliers, B, rounds = np.zeros(len(lower)), B.copy(), phase.rounds
+def _descend(problem: ReducedProblem, descent: Descent, phase: DescentPhase) -> Descent:
+    """Run one phase of a descent, which keeps its curvature."""
+    x, mu, active, B = descent.x, descent.mu, descent.active, descent.B.copy()
+    lower, unmet, rounds = problem.rows.lower, 0.0, phase.rounds
+    multipliers = np.zeros(len(lower))
     has_corners = bool((problem.cases.group >= 0).any())
     if has_corners:  # corners are added after each round
         phase = phase._replace(rounds=1)
@@ -277,7 +244,7 @@ def _descend(
     if unmet > CORNERS.tolerance:
         _, unmet = add_corners(problem, point, phase.rho)
     value = merit(point.V, point.g, lower, multipliers, phase.sigma)
-    return x, active, mu, B, value, max(unmet, violation(problem, point, phase.rho))
+    return Descent(descent.starts, x, active, mu, B, value, max(unmet, violation(problem, point, phase.rho)))
 
 
 def violation(problem: ReducedProblem, point: Evaluation, rho: float) -> float:

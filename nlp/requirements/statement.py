@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, get_args
 
 import casadi as ca
 import numpy as np
@@ -129,20 +129,15 @@ class OffsetObstacle(NamedTuple):
     """Smallest length of p_E [l_arm]."""
 
 
-BODIES = (CentreBody, EnvelopeBody, RodBody, PartsBody)
-OBSTACLES = (
-    ModuleObstacle, AirflowObstacle, TipObstacle, CapsuleObstacle, HullObstacle, FacesObstacle, ConeObstacle,
-    ReachObstacle, OffsetObstacle,
-)  # fmt: skip
-CENTRE, ENVELOPE, ROD, PARTS = range(len(BODIES))
-MODULE, AIRFLOW, TIP_POINT, CAPSULE, HULL, FACES, CONE, REACH, OFFSET = range(len(OBSTACLES))
-"""Kinds of bodies and obstacles in the compiled search; `nlp.reduced.clearance` has a function for each."""
-
 SearchBody = CentreBody | EnvelopeBody | RodBody | PartsBody
 Obstacle = (
     ModuleObstacle | AirflowObstacle | TipObstacle | CapsuleObstacle | HullObstacle | FacesObstacle
     | ConeObstacle | ReachObstacle | OffsetObstacle
 )  # fmt: skip
+BODIES, OBSTACLES = get_args(SearchBody), get_args(Obstacle)
+CENTRE, ENVELOPE, ROD, PARTS = range(len(BODIES))
+MODULE, AIRFLOW, TIP_POINT, CAPSULE, HULL, FACES, CONE, REACH, OFFSET = range(len(OBSTACLES))
+"""Kinds of bodies and obstacles in the compiled search; `nlp.reduced.clearance` has a function for each."""
 
 
 class SearchRow(NamedTuple):

@@ -136,29 +136,26 @@ def exclude(problem: BranchProblem, lower: Array, upper: Array, max_boxes: int) 
     Returns:
         The number of boxes, and whether all modules are clear of each other at the midpoint of the last one.
     """
-    A, n = len(lower), len(problem.tree.parent)
+    A = len(lower)
     lo, hi = np.empty((64 * A, A)), np.empty((64 * A, A))
     lo[0], hi[0] = lower, upper
-    vertices, middle = frames.empty_frames(problem.tree.first[-1]), frames.empty_frames(n)
-    axes, gain = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))), np.zeros(A)
+    box, gain = frames.empty_box(problem.tree), np.zeros(A)
     pending, boxes = 1, 0
     while pending > 0 and boxes <= max_boxes:
         pending -= 1
         boxes += 1
-        midpoint, rho = (lo[pending] + hi[pending]) / 2, (hi[pending] - lo[pending]) / 2
-        frames.fill_middle_frames(problem.tree, problem.l_c, midpoint, middle, axes)
-        frames.fill_vertex_frames(problem.tree, problem.l_c, lo[pending], hi[pending], vertices)
-        where = crowding(problem, middle, axes, vertices, rho, gain)
+        frames.fill_box(problem.tree, problem.l_c, lo[pending], hi[pending], box)
+        where = crowding(problem, box, gain)
         if where == EVERYWHERE:
             continue
         if where == NOWHERE:
             return boxes, True
-        gain[rho < rho.max() / ASPECT] = -1.0
+        gain[box.rho < box.rho.max() / ASPECT] = -1.0
         axis = 3 + int(np.argmax(gain[3:]))
         if pending + 2 > len(lo):
             return max_boxes + 1, False
         lo[pending + 1], hi[pending + 1] = lo[pending], hi[pending]
-        lo[pending, axis] = hi[pending + 1, axis] = midpoint[axis]
+        lo[pending, axis] = hi[pending + 1, axis] = box.centre[axis]
         pending += 2
     return boxes, False
 

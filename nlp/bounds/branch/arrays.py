@@ -278,10 +278,7 @@ def _tree(topology: Topology) -> TreePaths:
         path[i, 2 + depth[i]] = i + 2
         bolted[h, i] = bolted[i, h] = True
     first = np.concatenate([[0], np.cumsum(2**depth)])
-    parent, port, kappa, depth, path, first = (
-        x.astype(np.int64) for x in (parent, port, np.array(topology.kappas), depth, path, first)
-    )
-    return TreePaths(parent, port, kappa, depth, path, first, bolted)
+    return TreePaths(parent, port, np.array(topology.kappas), depth, path, first, bolted)
 
 
 def _levers(tree: TreePaths, l_c: float, drag: float, bodies: Array) -> LargestLevers:

@@ -63,8 +63,8 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import best_input, residual
+from nlp.bounds.branch.frames import BoxFrames, moment
+from nlp.bounds.branch.multipliers import best_input, lever_sum, residual
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -150,16 +150,7 @@ def bound_workspace(problem: BranchProblem) -> BoundWorkspace:
 
 @njit(cache=True, allocates=False)
 def bound(
-    problem: BranchProblem,
-    y: Array,
-    sigma: Array,
-    roots: Array,
-    middle: Frames,
-    axes: Axes,
-    vertices: Frames,
-    rho: Array,
-    workspace: BoundWorkspace,
-    cut: float,
+    problem: BranchProblem, y: Array, sigma: Array, box: BoxFrames, workspace: BoundWorkspace, cut: float
 ) -> float:
     """Return the lower bound of a box in effort units; if it is under the cut, any value between it and the cut.
 
@@ -167,11 +158,7 @@ def bound(
         problem: task and tree.
         y: multipliers of the load cases in W, shape (K, 6).
         sigma: multipliers of the walls, shape (W,).
-        roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
-        middle: frames at the middle of the box.
-        axes: axes of the angles at the middle.
-        vertices: frames at the vertices of the hinges.
-        rho: half widths, each under 1/2, shape (A,) [rad].
+        box: the box; its half widths are under 1/2.
         workspace: output, also for `add_rotor_gains`.
         cut: value under which the minimum over the vertices is not completed.
     """
@@ -180,15 +167,15 @@ def bound(
         if is_active(problem, y, k):
             workspace.active_cases[case_count] = k
             case_count += 1
-    _fill_drifts(problem, rho, workspace.drift)
-    _add_bodies(problem, y, sigma, roots, middle, axes, vertices, rho, workspace)
-    _fill_products(problem, y, roots, vertices, case_count, workspace)
+    _fill_drifts(problem, box.rho, workspace.drift)
+    _add_bodies(problem, y, sigma, box, workspace)
+    _fill_products(problem, y, box, case_count, workspace)
     if cut < math.inf:
         minimum = _least_vertex_value(problem, workspace, workspace.t, case_count, constant, cut)
         if minimum < cut:
             return minimum
-    _fill_force_limits(problem, y, roots[0], axes, case_count, workspace)
-    _add_remainders(problem, roots, axes, rho, case_count, workspace)
+    _fill_force_limits(problem, y, box, case_count, workspace)
+    _add_remainders(problem, box, case_count, workspace)
     cut = cut if cut < math.inf else -math.inf
     return _least_vertex_value(problem, workspace, workspace.t_bound, case_count, constant, cut)
 
@@ -203,36 +190,26 @@ def is_active(problem: BranchProblem, y: Array, k: int) -> bool:
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _add_bodies(
-    problem: BranchProblem,
-    y: Array,
-    sigma: Array,
-    roots: Array,
-    middle: Frames,
-    axes: Axes,
-    vertices: Frames,
-    rho: Array,
-    workspace: BoundWorkspace,
-) -> None:
+def _add_bodies(problem: BranchProblem, y: Array, sigma: Array, box: BoxFrames, workspace: BoundWorkspace) -> None:
     """Fill the contribution of bodies and walls at every vertex, less their remainders."""
     tree, L, ends = problem.tree, problem.walls.length, 2 if len(sigma) > 0 else 0
+    roots, middle, vertices = box.roots, box.middle, box.vertices
     workspace.slope[:] = 0.0
     workspace.loss[:] = 0.0
     if ends > 0:
         _fill_wall_sums(problem, roots[0], sigma, workspace.wall_sums)
-    sx, sy, sz = _lever_force(problem, y)
+    sx, sy, sz = lever_sum(problem.loads.h, y)
     s = _to_root(roots[0], sx, sy, sz)
     for i in range(len(tree.parent)):
         m, lever = moment(middle, i, problem.bodies[i]), problem.levers.body[i]
-        loss = _moment_loss(problem, i, problem.bodies[i, 0], m, lever, 0.0, s, axes, rho, workspace)
+        loss = _moment_loss(problem, i, problem.bodies[i, 0], m, lever, 0.0, s, box, workspace)
         for end in range(ends):
             x, y_, z = workspace.wall_sums[i, end]
             if x * x + y_ * y_ + z * z > 0.0:
                 distance = end * L
                 e = add(row(middle.p, i), -distance, row(middle.z, i))
-                loss += _moment_loss(
-                    problem, i, 1.0, e, problem.levers.centre[i], distance, (x, y_, z), axes, rho, workspace
-                )
+                lever = problem.levers.centre[i]
+                loss += _moment_loss(problem, i, 1.0, e, lever, distance, (x, y_, z), box, workspace)
         for root in range(8):
             for v in range(tree.first[i], tree.first[i + 1]):
                 workspace.module_value[root, v] = -loss
@@ -251,14 +228,12 @@ def _add_bodies(
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _fill_products(
-    problem: BranchProblem, y: Array, roots: Array, vertices: Frames, count: int, workspace: BoundWorkspace
-) -> None:
+def _fill_products(problem: BranchProblem, y: Array, box: BoxFrames, count: int, workspace: BoundWorkspace) -> None:
     """Fill multipliers, wrenches and their products at all vertices."""
     torques, root_y, wrenches, t_values = problem.rotor_torques, workspace.root_y, workspace.wrenches, workspace.t
-    frames_x, frames_y, frames_z, frames_p = vertices.x, vertices.y, vertices.z, vertices.p
+    frames_x, frames_y, frames_z, frames_p = box.vertices
     for root in range(8):
-        R = roots[1 + root]
+        R = box.roots[1 + root]
         for slot in range(count):
             k = workspace.active_cases[slot]
             for l in range(3):
@@ -293,28 +268,27 @@ def _fill_products(
 
 @njit(cache=True, inner=True, allocates=False)
 def _fill_force_limits(
-    problem: BranchProblem, y: Array, R: Array, axes: Axes, count: int, workspace: BoundWorkspace
+    problem: BranchProblem, y: Array, box: BoxFrames, count: int, workspace: BoundWorkspace
 ) -> None:
     """Fill the greatest |nu'| of every load case about every axis."""
+    R = box.roots[0]
     for slot in range(count):
         k = workspace.active_cases[slot]
         nu, mu = _to_root(R, y[k, 0], y[k, 1], y[k, 2]), _to_root(R, y[k, 3], y[k, 4], y[k, 5])
         mu_norm = math.sqrt(dot(mu, mu))
         for a in range(len(workspace.drift)):
-            f = _nu_about(nu, mu, row(axes.c, a))
+            f = _nu_about(nu, mu, row(box.axes.c, a))
             workspace.force_limit[slot, a] = math.sqrt(dot(f, f)) + mu_norm * workspace.drift[a]
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _add_remainders(
-    problem: BranchProblem, roots: Array, axes: Axes, rho: Array, count: int, workspace: BoundWorkspace
-) -> None:
+def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspace: BoundWorkspace) -> None:
     """Fill `t_bound`."""
-    tree, n, A, first = problem.tree, len(problem.tree.parent), len(rho), problem.tree.first
+    tree, first, roots, axes, rho = problem.tree, problem.tree.first, box.roots, box.axes, box.rho
     root_y, wrenches, t_values, t_bound = workspace.root_y, workspace.wrenches, workspace.t, workspace.t_bound
     versine, cubic, excess = workspace.versine, workspace.cubic, workspace.excess
     omega, torque = workspace.omega, workspace.torque
-    for a in range(A):
+    for a in range(len(rho)):
         versine[a], cubic[a] = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
     cosine, sine = math.cos(rho[2]), math.sin(rho[2])
     for root in range(8):
@@ -324,7 +298,7 @@ def _add_remainders(
         omega[1, root, 0] = axes.omega[1, 0] * cosine - axes.omega[1, 2] * signed_sine
         omega[1, root, 2] = axes.omega[1, 2] * cosine + axes.omega[1, 0] * signed_sine
         omega[2, root, 1] = 1.0
-    for i in range(n):
+    for i in range(len(tree.parent)):
         depth = tree.depth[i]
         for slot in range(count):
             m0, m1, m2 = root_y[0, slot, 3], root_y[0, slot, 4], root_y[0, slot, 5]
@@ -472,17 +446,6 @@ def _nu_about(nu: Vector, mu: Vector, c: Vector) -> Vector:
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _lever_force(problem: BranchProblem, y: Array) -> Vector:
-    """Return s = sum_k h_k x mu_k in W."""
-    x, y_, z = 0.0, 0.0, 0.0
-    for k in range(len(y)):
-        hx, hy, hz = problem.loads.h[k]
-        mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
-        x, y_, z = x + hy * mz - hz * my, y_ + hz * mx - hx * mz, z + hx * my - hy * mx
-    return x, y_, z
-
-
-@njit(cache=True, inner=True, allocates=False)
 def _fill_drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
     """Fill the largest displacements of the points of the axes in the box."""
     tree, between = problem.tree, problem.levers.between
@@ -494,11 +457,10 @@ def _fill_drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
 
 
 @njit(cache=True, inner=True, allocates=False)
-def add_rotor_gains(
-    problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, workspace: BoundWorkspace
-) -> None:
+def add_rotor_gains(problem: BranchProblem, y: Array, box: BoxFrames, workspace: BoundWorkspace) -> None:
     """Add the rotors' part to `slope` and `loss` of a box after `bound`, evaluated at the middle."""
-    u_min, u_max = problem.u_min, problem.u_max
+    u_min, u_max, R = problem.u_min, problem.u_max, box.roots[0]
+    middle, axes, rho = box.middle, box.axes, box.rho
     slopes, losses = workspace.rotor_slopes, workspace.rotor_losses
     for k in range(len(y)):
         nu, mu = _to_root(R, y[k, 0], y[k, 1], y[k, 2]), _to_root(R, y[k, 3], y[k, 4], y[k, 5])
@@ -546,15 +508,14 @@ def _moment_loss(
     lever: Array,
     beyond: float,
     s: Vector,
-    axes: Axes,
-    rho: Array,
+    box: BoxFrames,
     workspace: BoundWorkspace,
 ) -> float:
     """Return the largest deficit of m . s under its interpolant, and add to `slope` and `loss`.
 
     m is the moment at the middle of a mass w that moves with module i; about axis a, |m| <= lever[a] + beyond.
     """
-    path, path_length = problem.tree.path[i], problem.tree.depth[i] + 3
+    path, path_length, axes, rho = problem.tree.path[i], problem.tree.depth[i] + 3, box.axes, box.rho
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
     for level in range(path_length):
         a = path[level]

@@ -23,7 +23,7 @@ import math
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
-from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.frames import BoxFrames, Frames
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -36,15 +36,12 @@ MAX_ROUNDS = 20
 
 
 @njit(cache=True, allocates=False)
-def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
+def crowding(problem: BranchProblem, box: BoxFrames, gain: Array) -> int:
     """Return where in a box of hinge angles two modules are too close: NOWHERE, AT_MIDDLE or EVERYWHERE.
 
     Args:
         problem: task and tree.
-        middle: frames at the middle of the box.
-        axes: axes of the angles at the middle.
-        vertices: frames at the vertices of the hinges.
-        rho: half widths, shape (A,) [rad].
+        box: the box of angles; its roots are not used.
         gain: output, the loss to each hinge's remainder if two modules are too close at the middle, shape (A,).
     """
     tree, separation, n = problem.tree, problem.separation, len(problem.tree.parent)
@@ -53,24 +50,22 @@ def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frame
     for i in range(n):
         for j in range(i + 1, n):
             if separation.has_airflow:
-                eta, gamma = _deepest_shares(problem, middle, i, j)
+                eta, gamma = _deepest_shares(problem, box.middle, i, j)
                 distance = 2 * separation.start_radius + (eta + gamma) * separation.growth
                 distance = math.sqrt(distance * (distance + 2 * separation.margin))
                 q_i, q_j = (0.0, 0.0, -eta * separation.length), (0.0, 0.0, -gamma * separation.length)
-                air = _point_crowding(problem, middle, axes, vertices, rho, i, j, q_i, q_j, distance, gain)
+                air = _point_crowding(problem, box, i, j, q_i, q_j, distance, gain)
                 where = max(where, air)
             if not tree.bolted[i, j]:
                 for b in range(len(separation.balls)):
                     for owner, blown in ((i, j), (j, i)):
                         if where < EVERYWHERE:
-                            air = _ball_in_airflow(problem, middle, axes, vertices, rho, owner, blown, b, gain)
+                            air = _ball_in_airflow(problem, box, owner, blown, b, gain)
                             where = max(where, air)
             distance = separation.centre_distance
             if where < EVERYWHERE and distance > 0.0 and (separation.includes_bolted or not tree.bolted[i, j]):
                 o = (0.0, 0.0, 0.0)
-                where = max(
-                    where, _point_crowding(problem, middle, axes, vertices, rho, i, j, o, o, distance, gain)
-                )
+                where = max(where, _point_crowding(problem, box, i, j, o, o, distance, gain))
             if where == EVERYWHERE:
                 return EVERYWHERE
     return where
@@ -105,19 +100,9 @@ def _deepest_shares(problem: BranchProblem, frames: Frames, i: int, j: int) -> t
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _ball_in_airflow(
-    problem: BranchProblem,
-    middle: Frames,
-    axes: Axes,
-    vertices: Frames,
-    rho: Array,
-    i: int,
-    j: int,
-    b: int,
-    gain: Array,
-) -> int:
+def _ball_in_airflow(problem: BranchProblem, box: BoxFrames, i: int, j: int, b: int, gain: Array) -> int:
     """Return where in the box ball b of module i is in the airflow of module j."""
-    separation = problem.separation
+    separation, middle = problem.separation, box.middle
     L, growth = separation.length, separation.growth
     x, y, z, radius = separation.balls[b]
     w = add(_point(middle, i, (x, y, z)), -1.0, row(middle.p, j))
@@ -128,26 +113,16 @@ def _ball_in_airflow(
     distance += gamma * growth
     distance = math.sqrt(distance * (distance + 2 * separation.margin))
     q_i, q_j = (x, y, z), (0.0, 0.0, -gamma * L)
-    return _point_crowding(problem, middle, axes, vertices, rho, i, j, q_i, q_j, distance, gain)
+    return _point_crowding(problem, box, i, j, q_i, q_j, distance, gain)
 
 
 @njit(cache=True, inner=True, allocates=False)
 def _point_crowding(
-    problem: BranchProblem,
-    middle: Frames,
-    axes: Axes,
-    vertices: Frames,
-    rho: Array,
-    i: int,
-    j: int,
-    q_i: Vector,
-    q_j: Vector,
-    distance: float,
-    gain: Array,
+    problem: BranchProblem, box: BoxFrames, i: int, j: int, q_i: Vector, q_j: Vector, distance: float, gain: Array
 ) -> int:
     """Return where in the box points q_i and q_j, in the frames of their modules, are nearer than `distance`."""
     tree = problem.tree
-    A, B = _point(middle, i, q_i), _point(middle, j, q_j)
+    A, B = _point(box.middle, i, q_i), _point(box.middle, j, q_j)
     stretched_length = 2 * problem.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
     limit = distance * distance - DISTANCE_ROUNDING * (1 + stretched_length * stretched_length)
     if _squared_distance(A, B) >= limit:
@@ -159,15 +134,15 @@ def _point_crowding(
         moving, other, C, D = (i, j, A, B) if side == 0 else (j, i, B, A)
         q_moving, q_other = (q_i, q_j) if side == 0 else (q_j, q_i)
         for level in range(shared, tree.depth[moving]):
-            loss = _hinge_loss(problem, axes, rho, moving, other, shared, level, C, D, q_moving, q_other)
+            loss = _hinge_loss(problem, box, moving, other, shared, level, C, D, q_moving, q_other)
             gain[tree.path[moving, 3 + level]] += loss
             limit -= loss
     if _squared_distance(A, B) >= limit:
         return AT_MIDDLE
     for v in range(2 ** (tree.depth[i] - shared)):
-        A = _point(vertices, tree.first[i] + v, q_i)
+        A = _point(box.vertices, tree.first[i] + v, q_i)
         for w in range(2 ** (tree.depth[j] - shared)):
-            B = _point(vertices, tree.first[j] + w, q_j)
+            B = _point(box.vertices, tree.first[j] + w, q_j)
             if _squared_distance(A, B) >= limit:
                 return AT_MIDDLE
     return EVERYWHERE
@@ -176,8 +151,7 @@ def _point_crowding(
 @njit(cache=True, inner=True, allocates=False)
 def _hinge_loss(
     problem: BranchProblem,
-    axes: Axes,
-    rho: Array,
+    box: BoxFrames,
     moving: int,
     other: int,
     shared: int,
@@ -188,9 +162,9 @@ def _hinge_loss(
     q_other: Vector,
 ) -> float:
     """Return the remainder of the hinge at `level` of a path; A is a point of that module, B of the other."""
-    tree, l_c = problem.tree, problem.l_c
+    tree, l_c, rho = problem.tree, problem.l_c, box.rho
     a = tree.path[moving, 3 + level]
-    omega, c = row(axes.omega, a), row(axes.c, a)
+    omega, c = row(box.axes.omega, a), row(box.axes.c, a)
     A, B = add(A, -1.0, c), add(B, -1.0, c)
     alpha = -2 * (dot(A, B) - dot(A, omega) * dot(B, omega))
     beta = -2 * dot(cross(omega, A), B)

@@ -33,6 +33,23 @@ class Axes(NamedTuple):
     c: Array
 
 
+class BoxFrames(NamedTuple):
+    """Angles and frames of a box of angles."""
+
+    roots: Array
+    """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
+    centre: Array
+    """Angles at the middle, shape (A,) [rad]."""
+    rho: Array
+    """Half widths, shape (A,) [rad]."""
+    middle: Frames
+    """Frames at the middle of the box."""
+    axes: Axes
+    """Axes of the angles at the middle."""
+    vertices: Frames
+    """Frames at the vertices of the hinges."""
+
+
 @njit(cache=True, forceinline=True)
 def rotate(R: Array, a: Vector) -> Vector:
     """Return R a."""
@@ -55,6 +72,34 @@ def moment(frames: Frames, v: int, body: Array) -> Vector:
 def empty_frames(count: int) -> Frames:
     """Return arrays for `count` frames."""
     return Frames(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
+
+
+@njit(cache=True)
+def empty_box(tree: TreePaths) -> BoxFrames:
+    """Return the arrays of a box."""
+    n, A = len(tree.parent), len(tree.parent) + 2
+    middle, axes = empty_frames(n), Axes(np.zeros((A, 3)), np.zeros((A, 3)))
+    return BoxFrames(np.zeros((9, 3, 3)), np.zeros(A), np.zeros(A), middle, axes, empty_frames(tree.first[-1]))
+
+
+@njit(cache=True, allocates=False)
+def fill_box(tree: TreePaths, l_c: float, lower: Array, upper: Array, box: BoxFrames) -> None:
+    """Fill a box between the least and the greatest angles, except for its roots."""
+    for a in range(len(lower)):
+        box.centre[a], box.rho[a] = (lower[a] + upper[a]) / 2, (upper[a] - lower[a]) / 2
+    fill_middle_frames(tree, l_c, box.centre, box.middle, box.axes)
+    fill_vertex_frames(tree, l_c, lower, upper, box.vertices)
+
+
+@njit(cache=True, allocates=False)
+def fill_roots(lower: Array, upper: Array, box: BoxFrames) -> None:
+    """Fill the root orientations at the middle and at the 8 vertices."""
+    fill_root_orientation(box.centre[0], box.centre[1], box.centre[2], box.roots[0])
+    for v in range(8):
+        psi = upper[0] if v & 4 else lower[0]
+        alpha_0 = upper[1] if v & 2 else lower[1]
+        alpha_1 = upper[2] if v & 1 else lower[2]
+        fill_root_orientation(psi, alpha_0, alpha_1, box.roots[1 + v])
 
 
 @njit(cache=True, allocates=False)

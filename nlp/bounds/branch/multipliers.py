@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames, moment, rotate
+from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.numbers.cholesky import factor, solve_factored
-from nlp.numbers.kinematics import add, cross, row
+from nlp.numbers.kinematics import Vector, add, cross, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -98,9 +98,9 @@ def newton_workspace(problem: BranchProblem) -> NewtonWorkspace:
 
 
 @njit(cache=True, allocates=False)
-def fill_wrenches(problem: BranchProblem, R: Array, frames: Frames, newton: NewtonWorkspace) -> None:
-    """Fill a and b, without the torque of p'_E, for a root orientation R and frames."""
-    loads, n = problem.loads, len(problem.tree.parent)
+def fill_wrenches(problem: BranchProblem, box: BoxFrames, newton: NewtonWorkspace) -> None:
+    """Fill a and b, without the torque of p'_E, at the middle of a box."""
+    loads, n, R, frames = problem.loads, len(problem.tree.parent), box.roots[0], box.middle
     for i in range(n):
         force = row(frames.z, i)
         about = cross(row(frames.p, i), force)
@@ -133,12 +133,19 @@ def dual_value(problem: BranchProblem, newton: NewtonWorkspace, y: Array) -> flo
         for l in range(6):
             total += (newton.b[k, l] - newton.ridge[l] / 2 * y[k, l]) * y[k, l]
         for j in range(len(newton.a)):
-            t = 0.0
-            for l in range(6):
-                t += newton.a[j, l] * y[k, l]
+            t = product(newton.a, j, y, k)
             u = best_input(t, weight, u_min, u_max)
             total -= u * (t - weight * u)
     return total
+
+
+@njit(cache=True, forceinline=True)
+def product(a: Array, j: int, y: Array, k: int) -> float:
+    """Return a_j . y_k."""
+    t = 0.0
+    for l in range(6):
+        t += a[j, l] * y[k, l]
+    return t
 
 
 @njit(cache=True, inner=True, allocates=False)
@@ -194,7 +201,7 @@ def copy(y: Array, target: Array) -> None:
 @njit(cache=True, inner=True, allocates=False)
 def enforce_condition(problem: BranchProblem, y: Array) -> None:
     """Make sum_k g_k x mu_k = 0 by the least change of the torque multipliers."""
-    loads, q = problem.loads, rotate(problem.loads.condition_inverse, load_residual(problem, y))
+    loads, q = problem.loads, rotate(problem.loads.condition_inverse, lever_sum(problem.loads.g, y))
     for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
         change = cross(q, row(loads.g, k))
         for l in range(3):
@@ -202,20 +209,20 @@ def enforce_condition(problem: BranchProblem, y: Array) -> None:
 
 
 @njit(cache=True, allocates=False)
-def load_residual(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
-    """Return sum_k g_k x mu_k."""
+def lever_sum(forces: Array, y: Array) -> Vector:
+    """Return sum_k f_k x mu_k for forces f, shape (K, 3): the residual of the condition for g, s for h."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):
-        gx, gy, gz = problem.loads.g[k]
+        fx, fy, fz = forces[k]
         mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
-        a, b, c = a + gy * mz - gz * my, b + gz * mx - gx * mz, c + gx * my - gy * mx
+        a, b, c = a + fy * mz - fz * my, b + fz * mx - fx * mz, c + fx * my - fy * mx
     return a, b, c
 
 
 @njit(cache=True, inner=True, allocates=False)
-def residual(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
+def residual(problem: BranchProblem, y: Array, sigma: Array) -> Vector:
     """Return the residual of the condition, sum_k g_k x mu_k - sum_r sigma_r n_r."""
-    a, b, c = load_residual(problem, y)
+    a, b, c = lever_sum(problem.loads.g, y)
     for r in range(len(sigma)):
         x, y_, z = problem.walls.normal[r]
         a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
@@ -244,10 +251,7 @@ def fill_newton_step(problem: BranchProblem, newton: NewtonWorkspace, y: Array, 
             H[l, l] = newton.ridge[l]
             columns[0, l] = newton.b[k, l] - newton.ridge[l] * y[k, l]
         for j in range(len(newton.a)):
-            t = 0.0
-            for l in range(6):
-                t += newton.a[j, l] * y[k, l]
-            u = best_input(t, weight, u_min, u_max)
+            u = best_input(product(newton.a, j, y, k), weight, u_min, u_max)
             if u == 0.0:
                 continue
             for l in range(6):

@@ -1,23 +1,20 @@
-"""The proof of one tree, chunk by chunk; chunks (`topo_search.model.proof`) are searched independently."""
+"""The proof of one tree, chunk by chunk; chunks (`topo_search.model.proof`) are searched independently.
+
+The search is imported on use: it is compiled, and other commands need not load it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from nlp.bounds.branch.arrays import centre, effort_unit, hinge_angles, reroot, to_arrays, whole_box
-from nlp.bounds.branch.search import BOX_LIMIT, CLOSED, halves, search
-from nlp.numbers import cholesky, kinematics
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import is_cached, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
 from topo_search.model.topology import straight_chain
-
-refresh(search, Path(__file__).parent, Path(cholesky.__file__), Path(kinematics.__file__))
 
 MAX_BOXES = 4_000_000
 """Limit on the boxes of one chunk; beyond it the chunk stays open."""
@@ -41,12 +38,14 @@ def prove_chunk(
         topology: tree.
         number: number of the chunk.
         cut: effort [rad^4/s^4].
-        problem: designs that the proof covers.
+        problem: designs that the proof covers (`topo_search.model.proof`).
         most_boxes: limit on the number of boxes; beyond it the chunk stays open.
 
     Raises:
         ValueError: No chunk has this number.
     """
+    from nlp.bounds.branch.search import BOX_LIMIT, CLOSED, search
+
     n = topology.n
     if not 0 <= number < chunk_count(n):
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
@@ -68,6 +67,8 @@ def prove_chunk(
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
     """Return the least and greatest angles of a chunk, shape (n + 2,) [rad]; an empty one begins at infinity."""
+    from nlp.bounds.branch.search import halves
+
     angles, (lower, upper) = hinge_angles(task), whole_box(task, n)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         axis = 3 + split % (n - 1)
@@ -81,6 +82,9 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
 
 def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """Compile the search of a chunk unless its cache is up to date; `tell` gets a message if that takes long."""
+    from nlp.bounds.branch.search import search
+    from topo_search.model.compiled_code import is_cached
+
     if not is_cached(search):
         tell("compiling the prover (once per installation, about two minutes)")
     prove_chunk(task, straight_chain(task.n), 0, 0.0, most_boxes=1)

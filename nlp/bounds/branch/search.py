@@ -8,6 +8,7 @@ modules nor multipliers: a checker finds its own.
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +19,9 @@ from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import AT_MIDDLE, EVERYWHERE, crowding
 from nlp.bounds.branch.multipliers import copy
 from nlp.bounds.branch.vertices import VertexWorkspace, vertex_workspace
+from nlp.numbers import cholesky, kinematics
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
+from topo_search.model.compiled_code import njit, refresh
 
 BOUND, CROWDED, SPLIT = 0, 1, 2
 CLOSED, BOX_LIMIT, STUCK = 0, 1, 2
@@ -80,17 +82,9 @@ class BoxStack(NamedTuple):
 class BoxWorkspace(NamedTuple):
     """Arrays for one box."""
 
-    roots: Array
-    """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
-    centre: Array
-    """Angles at the middle, shape (A,) [rad]."""
-    rho: Array
-    """Half widths, shape (A,) [rad]."""
+    box: frames.BoxFrames
     gain: Array
     """Expected gain of halving each angle, shape (A,)."""
-    middle: frames.Frames
-    axes: frames.Axes
-    vertices: frames.Frames
     weightless: bool
     """True if some load case has no weight."""
     initial_y: Array
@@ -168,25 +162,19 @@ def _initial_stack(problem: BranchProblem, lower: Array, upper: Array) -> BoxSta
 
 @njit(cache=True, inner=True)
 def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
-    n, K, W = len(problem.tree.parent), len(problem.loads.f), len(problem.walls.normal)
-    A, initial_y = n + 2, np.zeros((K, 6))
+    n, K, initial_y = len(problem.tree.parent), len(problem.loads.f), np.zeros((len(problem.loads.f), 6))
     for k in range(K):
         for l in range(3):
             initial_y[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
     return BoxWorkspace(
-        np.zeros((9, 3, 3)),
-        np.zeros(A),
-        np.zeros(A),
-        np.zeros(A),
-        frames.empty_frames(n),
-        frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))),
-        frames.empty_frames(problem.tree.first[-1]),
+        frames.empty_box(problem.tree),
+        np.zeros(n + 2),
         problem.loads.weight.min() == 0.0,
         initial_y,
         np.zeros((K, 6)),
-        np.zeros(W),
+        np.zeros(len(problem.walls.normal)),
         multipliers.newton_workspace(problem),
-        slopes.empty_slopes(n, A),
+        slopes.empty_slopes(n, n + 2),
         vertex_workspace(problem),
         box.bound_workspace(problem),
     )
@@ -197,34 +185,25 @@ def _process_box(
     problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, cut: float, whole_rho: float
 ) -> int:
     """Exclude or halve the top box; return its byte of the record, or -1 if it is too small to be halved."""
-    lo, hi, centre, rho, bound = (
-        stack.lower[top],
-        stack.upper[top],
-        workspace.centre,
-        workspace.rho,
-        workspace.bound,
-    )
+    lo, hi, rho, bound = stack.lower[top], stack.upper[top], workspace.box.rho, workspace.bound
     uses_vertices = len(workspace.sigma) > 0 or workspace.weightless
-    for a in range(len(centre)):
-        centre[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
-    frames.fill_middle_frames(problem.tree, problem.l_c, centre, workspace.middle, workspace.axes)
-    frames.fill_vertex_frames(problem.tree, problem.l_c, lo, hi, workspace.vertices)
+    frames.fill_box(problem.tree, problem.l_c, lo, hi, workspace.box)
     axis = _widest_angle(rho)
     copy(stack.y[top], workspace.y)
     for r in range(len(workspace.sigma)):
         workspace.sigma[r] = stack.sigma[top, r]
     if stack.hinge_halved[top]:
-        where = crowding(problem, workspace.middle, workspace.axes, workspace.vertices, rho, workspace.gain)
+        where = crowding(problem, workspace.box, workspace.gain)
         if where == EVERYWHERE:
             return CROWDED
         if where == AT_MIDDLE and rho[0] == whole_rho:
             axis = max(axis, _crowded_hinge(rho, workspace.gain))
     needs_bound = axis < 0
     if needs_bound:
-        fill_roots(lo, hi, centre, workspace.roots)
+        frames.fill_roots(lo, hi, workspace.box)
         excluded = stack.has_bound[top] and _is_excluded(problem, workspace, cut)
         if not excluded:
-            multipliers.fill_wrenches(problem, workspace.roots[0], workspace.middle, workspace.newton)
+            multipliers.fill_wrenches(problem, workspace.box, workspace.newton)
             if uses_vertices:
                 excluded = _exclude_at_vertices(problem, workspace, cut)
             else:
@@ -235,7 +214,7 @@ def _process_box(
             return BOUND
         if _max_width(rho) < BRANCHING.min_width:
             return -1
-        box.add_rotor_gains(problem, workspace.y, workspace.roots[0], workspace.middle, workspace.axes, rho, bound)
+        box.add_rotor_gains(problem, workspace.y, workspace.box, bound)
         for a in range(len(rho)):
             if uses_vertices:
                 workspace.gain[a] = bound.loss[a] * worst_vertex.evenness(workspace.vertex_search, a)
@@ -251,14 +230,14 @@ def _halve(
     problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, axis: int, has_bound: bool
 ) -> None:
     """Replace the top box with its halves, the lower one on top."""
-    for a in range(len(workspace.centre)):
+    for a in range(len(workspace.gain)):
         stack.lower[top + 1, a], stack.upper[top + 1, a] = stack.lower[top, a], stack.upper[top, a]
     for half in range(top, top + 2):
         copy(workspace.y, stack.y[half])
         for r in range(len(workspace.sigma)):
             stack.sigma[half, r] = workspace.sigma[r]
         stack.has_bound[half], stack.hinge_halved[half] = has_bound, axis >= 3
-    lower_end = upper_begin = workspace.centre[axis]
+    lower_end = upper_begin = workspace.box.centre[axis]
     if axis >= 3:
         lower_end, upper_begin = halves(problem.hinge_angles, stack.lower[top, axis], stack.upper[top, axis])
     stack.lower[top, axis], stack.upper[top + 1, axis] = upper_begin, lower_end
@@ -283,16 +262,16 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
 @njit(cache=True, inner=True, allocates=False)
 def _exclude_at_middle(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
     """Improve y, the parent's multipliers, at the middle of a box; return whether they exclude the box."""
-    rho, y, newton = workspace.rho, workspace.y, workspace.newton
+    rho, y, newton = workspace.box.rho, workspace.y, workspace.newton
     square = 0.0
     for a in range(len(rho)):
         square += rho[a] ** 2
-    ridge = BRANCHING.ridge * len(workspace.middle.p) / 24 * max(square, BRANCHING.min_square)
+    ridge = BRANCHING.ridge * len(problem.tree.parent) / 24 * max(square, BRANCHING.min_square)
     _set_ridge(newton, ridge)
     if multipliers.dual_value(problem, newton, workspace.initial_y) > multipliers.dual_value(problem, newton, y):
         copy(workspace.initial_y, y)
     multipliers.maximize(problem, newton, y, BRANCHING.steps, BRANCHING.target * cut)
-    slopes.fill(problem, workspace.roots[0], workspace.middle, workspace.axes, newton, workspace.slopes)
+    slopes.fill(problem, workspace.box, newton, workspace.slopes)
     slopes.flatten(problem, newton, workspace.slopes, rho, y, BRANCHING.flattening_steps, BRANCHING.target * cut)
     if _is_excluded(problem, workspace, cut):
         return True
@@ -309,11 +288,10 @@ def _exclude_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: f
     """Improve y and sigma, the parent's, at the worst vertex of a box; return whether they exclude the box."""
     if _maximize_at_vertices(problem, workspace, cut, worst_vertex.SEARCH.steps):
         return True
-    if _max_width(workspace.rho) >= BRANCHING.retry_width:
+    if _max_width(workspace.box.rho) >= BRANCHING.retry_width:
         return False
     copy(workspace.initial_y, workspace.y)
-    for r in range(len(workspace.sigma)):
-        workspace.sigma[r] = 0.0
+    workspace.sigma[:] = 0.0
     return _maximize_at_vertices(problem, workspace, cut, BRANCHING.retry_steps)
 
 
@@ -321,7 +299,7 @@ def _exclude_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: f
 def _maximize_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: float, steps: int) -> bool:
     """Run the search at the worst vertex, `steps` a stage; return whether y and sigma exclude the box."""
     vertex_search, y, sigma = workspace.vertex_search, workspace.y, workspace.sigma
-    worst_vertex.start(problem, workspace.roots, workspace.vertices, workspace.rho, cut, y, sigma, vertex_search)
+    worst_vertex.start(problem, workspace.box, cut, y, sigma, vertex_search)
     for stage in range(worst_vertex.SEARCH.stages):
         minimum, limit = worst_vertex.maximize(problem, workspace.newton, vertex_search, cut, stage, steps)
         copy(vertex_search.y, y)
@@ -337,17 +315,12 @@ def _maximize_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: 
 
 @njit(cache=True, inner=True, allocates=False)
 def _max_width(rho: Array) -> float:
-    width = 0.0
-    for a in range(len(rho)):
-        width = max(width, 2 * rho[a])
-    return width
+    return float(2 * rho.max())
 
 
 @njit(cache=True, inner=True, allocates=False)
 def _is_excluded(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
-    w = workspace
-    bound = box.bound(problem, w.y, w.sigma, w.roots, w.middle, w.axes, w.vertices, w.rho, w.bound, cut)
-    return bool(bound >= cut)
+    return bool(box.bound(problem, workspace.y, workspace.sigma, workspace.box, workspace.bound, cut) >= cut)
 
 
 @njit(cache=True, inner=True, allocates=False)
@@ -359,16 +332,11 @@ def _set_ridge(newton: multipliers.NewtonWorkspace, ridge: float) -> None:
 @njit(cache=True, inner=True, allocates=False)
 def _widest_angle(rho: Array) -> int:
     """Return the angle to halve in a box that is too wide for a bound, hinges first; -1 if it is not too wide."""
-    axis = 3
-    for a in range(3, len(rho)):
-        if rho[a] > rho[axis]:
-            axis = a
-    if axis < len(rho) and 2 * rho[axis] > BRANCHING.max_bound_width:
-        return axis
-    axis = 0
-    for a in range(1, 3):
-        if rho[a] > rho[axis]:
-            axis = a
+    if len(rho) > 3:
+        hinge = 3 + int(np.argmax(rho[3:]))
+        if 2 * rho[hinge] > BRANCHING.max_bound_width:
+            return hinge
+    axis = int(np.argmax(rho[:3]))
     return axis if 2 * rho[axis] > BRANCHING.max_bound_width else -1
 
 
@@ -388,23 +356,12 @@ def _split_axis(rho: Array, gain: Array) -> int:
 
     After an overflow no gain is a number; the widest angle is split then, as one split forever overruns the stack.
     """
-    widest = 0
-    for a in range(len(rho)):
-        if rho[a] > rho[widest]:
-            widest = a
-    axis, largest_gain = widest, -math.inf
+    widest = axis = int(np.argmax(rho))
+    largest_gain = -math.inf
     for a in range(len(rho)):
         if rho[a] > rho[widest] / BRANCHING.max_aspect and gain[a] > largest_gain:
             axis, largest_gain = a, gain[a]
     return axis
 
 
-@njit(cache=True, allocates=False)
-def fill_roots(lower: Array, upper: Array, middle: Array, roots: Array) -> None:
-    """Fill the root orientations at the middle and at the 8 vertices."""
-    frames.fill_root_orientation(middle[0], middle[1], middle[2], roots[0])
-    for v in range(8):
-        psi = upper[0] if v & 4 else lower[0]
-        alpha_0 = upper[1] if v & 2 else lower[1]
-        alpha_1 = upper[2] if v & 1 else lower[2]
-        frames.fill_root_orientation(psi, alpha_0, alpha_1, roots[1 + v])
+refresh(search, Path(__file__).parent, Path(cholesky.__file__), Path(kinematics.__file__))

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames, moment, rotate
+from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.bounds.branch.multipliers import (
     MIN_WEIGHT,
     NewtonWorkspace,
@@ -31,6 +31,7 @@ from nlp.bounds.branch.multipliers import (
     copy,
     enforce_condition,
     fill_newton_step,
+    product,
 )
 from nlp.numbers.kinematics import add, cross, row
 from topo_search.model.arrays import Array
@@ -70,11 +71,9 @@ def empty_slopes(n: int, A: int) -> Slopes:
 
 
 @njit(cache=True, allocates=False)
-def fill(
-    problem: BranchProblem, R: Array, middle: Frames, axes: Axes, newton: NewtonWorkspace, slopes: Slopes
-) -> None:
-    """Fill beta and v for a root orientation R and frames; `newton` has the wrenches there."""
-    tree = problem.tree
+def fill(problem: BranchProblem, box: BoxFrames, newton: NewtonWorkspace, slopes: Slopes) -> None:
+    """Fill beta and v at the middle of a box; `newton` has the wrenches there."""
+    tree, R, middle, axes = problem.tree, box.roots[0], box.middle, box.axes
     slopes.v[:] = 0.0
     for i in range(len(tree.parent)):
         body = rotate(R, moment(middle, i, problem.bodies[i]))
@@ -145,9 +144,7 @@ def _value(
             g[a] += mu[0] * (v[1] * h[2] - v[2] * h[1])
             g[a] += mu[1] * (v[2] * h[0] - v[0] * h[2]) + mu[2] * (v[0] * h[1] - v[1] * h[0])
         for j in range(len(newton.a)):
-            t = 0.0
-            for l in range(6):
-                t += newton.a[j, l] * y[k, l]
+            t = product(newton.a, j, y, k)
             u = best_input(t, weight, u_min, u_max)
             if u > 0.0:
                 total -= u * (t - weight * u)
@@ -172,10 +169,7 @@ def _fill_slope_gradients(problem: BranchProblem, newton: NewtonWorkspace, slope
             row[3], row[4] = v[1] * h[2] - v[2] * h[1], v[2] * h[0] - v[0] * h[2]
             row[5] = v[0] * h[1] - v[1] * h[0]
         for j in range(len(newton.a)):
-            t = 0.0
-            for l in range(6):
-                t += newton.a[j, l] * y[k, l]
-            u = best_input(t, weight, u_min, u_max)
+            u = best_input(product(newton.a, j, y, k), weight, u_min, u_max)
             if u == 0.0:
                 continue
             for level in range(tree.depth[j // 4] + 3):

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Frames, moment, rotate
-from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input
+from nlp.bounds.branch.frames import BoxFrames, moment, rotate
+from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input, lever_sum
 from nlp.numbers.kinematics import add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -123,11 +123,11 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
 
 
 @njit(cache=True, inner=True, allocates=False)
-def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspace: VertexWorkspace) -> None:
+def fill_frames(problem: BranchProblem, box: BoxFrames, workspace: VertexWorkspace) -> None:
     """Fill the wrenches, moments and wall distances of all frames."""
-    walls = problem.walls
+    walls, vertices = problem.walls, box.vertices
     for root in range(8):
-        R = roots[1 + root]
+        R = box.roots[1 + root]
         for v in range(len(workspace.module_of_frame)):
             i, a = workspace.module_of_frame[v], workspace.a[root, v]
             p, x_axis = rotate(R, row(vertices.p, v)), rotate(R, row(vertices.x, v))
@@ -152,16 +152,13 @@ def smoothed_value(
     """Return F, the least D without smoothing and the mean of D weighted by the shares; fill D and its terms."""
     loads, walls, n = problem.loads, problem.walls, len(problem.tree.parent)
     u_min, u_max = problem.u_min, problem.u_max
-    constant, sx, sy, sz, barrier = 0.0, 0.0, 0.0, 0.0, 0.0
+    constant, barrier, (sx, sy, sz) = 0.0, 0.0, lever_sum(loads.h, y)
     for k in range(len(y)):
         if workspace.active[k]:
             for l in range(3):
                 constant += loads.f[k, l] * y[k, l] + loads.t[k, l] * y[k, 3 + l]
             for l in range(6):
                 constant -= workspace.ridge[k, l] / 2 * y[k, l] ** 2
-            hx, hy, hz = loads.h[k]
-            mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
-            sx, sy, sz = sx + hy * mz - hz * my, sy + hz * mx - hx * mz, sz + hx * my - hy * mx
     for r in range(len(sigma)):
         constant += sigma[r] * walls.offset[r]
         barrier += m * math.log(sigma[r])

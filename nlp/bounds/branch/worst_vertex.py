@@ -29,8 +29,8 @@ import math
 from typing import NamedTuple
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames
-from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_input, copy, residual
+from nlp.bounds.branch.frames import BoxFrames
+from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_input, copy, product, residual
 from nlp.bounds.branch.vertices import MAX_VERTICES, VertexWorkspace, fill_frames, smoothed_value
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import cross, row
@@ -92,9 +92,7 @@ SEARCH = VertexSearch()
 @njit(cache=True, inner=True, allocates=False)
 def start(
     problem: BranchProblem,
-    roots: Array,
-    vertices: Frames,
-    rho: Array,
+    box: BoxFrames,
     cut: float,
     initial_y: Array,
     initial_sigma: Array,
@@ -104,16 +102,14 @@ def start(
 
     Args:
         problem: task and tree.
-        roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
-        vertices: frames at the vertices of the hinges.
-        rho: half widths, shape (A,) [rad].
+        box: the box of angles.
         cut: effort [effort units].
         initial_y: multipliers of load cases, shape (K, 6).
         initial_sigma: multipliers of walls, shape (W,).
         workspace: output.
     """
-    y, sigma = workspace.y, workspace.sigma
-    fill_frames(problem, roots, vertices, workspace)
+    y, sigma, rho = workspace.y, workspace.sigma, box.rho
+    fill_frames(problem, box, workspace)
     square = 0.0
     for a in range(len(rho)):
         square += rho[a] ** 2
@@ -130,7 +126,7 @@ def start(
     for r in range(len(sigma)):
         sigma[r] = max(initial_sigma[r], SEARCH.initial_barrier * cut)
     # the condition holds from the start: steps shortened by the barrier preserve it
-    _correct_torques(problem, y, sigma, True)
+    _correct_torques(problem, y, sigma, True, workspace.S, workspace.q)
 
 
 @njit(cache=True, inner=True, allocates=False)
@@ -206,23 +202,20 @@ def _drop_idle_corners(
     any_dropped = False
     for k in range(len(workspace.y)):
         may_drop = workspace.active[k] and problem.loads.weight[k] == 0.0
-        if may_drop and _largest_product(newton, workspace.y[k]) < limit:
+        if may_drop and _largest_product(newton, workspace.y, k) < limit:
             workspace.active[k], any_dropped = False, True
             for l in range(6):
                 workspace.y[k, l], workspace.step[k, l] = 0.0, 0.0
     if any_dropped:
-        _correct_torques(problem, workspace.y, workspace.sigma, False)
+        _correct_torques(problem, workspace.y, workspace.sigma, False, workspace.S, workspace.q)
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _largest_product(newton: NewtonWorkspace, y: Array) -> float:
-    """Return the largest |a_j . y| at the middle."""
+def _largest_product(newton: NewtonWorkspace, y: Array, k: int) -> float:
+    """Return the largest |a_j . y_k| at the middle."""
     greatest = 0.0
     for j in range(len(newton.a)):
-        t = 0.0
-        for l in range(6):
-            t += newton.a[j, l] * y[l]
-        greatest = max(greatest, abs(t))
+        greatest = max(greatest, abs(product(newton.a, j, y, k)))
     return greatest
 
 
@@ -405,48 +398,42 @@ def evenness(workspace: VertexWorkspace, axis: int) -> float:
 
 
 @njit(cache=True, allocates=False)
-def enforce_condition(problem: BranchProblem, y: Array, sigma: Array) -> None:
+def enforce_condition(problem: BranchProblem, newton: NewtonWorkspace, y: Array, sigma: Array) -> None:
     """Enforce the condition by the least change of nonzero torque multipliers; if that fails, set sigma to zero."""
-    _correct_torques(problem, y, sigma, False)
+    _correct_torques(problem, y, sigma, False, newton.S, newton.q)
     a, b, c = residual(problem, y, sigma)
     sigma_sum = 0.0
     for r in range(len(sigma)):
         sigma_sum += sigma[r]
     if not math.sqrt(a * a + b * b + c * c) <= SEARCH.condition_tolerance * sigma_sum:
-        for r in range(len(sigma)):
-            sigma[r] = 0.0
-        _correct_torques(problem, y, sigma, False)
+        sigma[:] = 0.0
+        _correct_torques(problem, y, sigma, False, newton.S, newton.q)
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: bool) -> None:
-    """Change mu_k by q x g_k, where (sum_k [g_k]x [g_k]x^T) q is the residual of the condition."""
-    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: bool, S: Array, q: Array) -> None:
+    """Change mu_k by q x g_k, where S q, S = sum_k [g_k]x [g_k]x^T, is the residual of the condition."""
+    for a in range(3):
+        for b in range(3):
+            S[a, b] = 0.0
     for k in range(len(y)):
         if all_cases or _is_nonzero(y[k]):
             gx, gy, gz = problem.loads.g[k]
-            xx, yy, zz = xx + gy * gy + gz * gz, yy + gz * gz + gx * gx, zz + gx * gx + gy * gy
-            xy, xz, yz = xy - gx * gy, xz - gx * gz, yz - gy * gz
-    trace = xx + yy + zz
+            S[0, 0], S[1, 1] = S[0, 0] + gy * gy + gz * gz, S[1, 1] + gz * gz + gx * gx
+            S[2, 2], S[1, 0] = S[2, 2] + gx * gx + gy * gy, S[1, 0] - gx * gy
+            S[2, 0], S[2, 1] = S[2, 0] - gx * gz, S[2, 1] - gy * gz
+    trace = S[0, 0] + S[1, 1] + S[2, 2]
     if trace == 0.0:
         return
-    regularization = 1e-9 * trace  # parallel g leave a direction open
-    a = math.sqrt(xx + regularization)
-    b, c = xy / a, xz / a
-    d = math.sqrt(yy + regularization - b * b)
-    e = (yz - b * c) / d
-    f = math.sqrt(zz + regularization - c * c - e * e)
+    for a in range(3):
+        S[a, a] += 1e-9 * trace  # parallel g leave a direction open
+    factor(S, 3)
     for _ in range(3):
-        qx, qy, qz = residual(problem, y, sigma)
-        qx = qx / a
-        qy = (qy - b * qx) / d
-        qz = (qz - c * qx - e * qy) / f
-        qz = qz / f
-        qy = (qy - e * qz) / d
-        qx = (qx - b * qy - c * qz) / a
+        q[0], q[1], q[2] = residual(problem, y, sigma)
+        solve_factored(S, q[:3], 3)
         for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
             if all_cases or _is_nonzero(y[k]):
-                change = cross((qx, qy, qz), row(problem.loads.g, k))
+                change = cross((q[0], q[1], q[2]), row(problem.loads.g, k))
                 for l in range(3):
                     y[k, 3 + l] -= change[l]
 
@@ -463,10 +450,8 @@ def _is_nonzero(y: Array) -> bool:
 def finish(problem: BranchProblem, newton: NewtonWorkspace, y: Array, sigma: Array) -> None:
     """Drop idle corners, each of which would lose something to rounding, and enforce the condition."""
     for k in range(len(y)):
-        if (
-            problem.loads.weight[k] == 0.0
-            and _largest_product(newton, y[k]) < SEARCH.final_idle_limit * 2 * problem.u_max
-        ):
+        is_corner, limit = problem.loads.weight[k] == 0.0, SEARCH.final_idle_limit * 2 * problem.u_max
+        if is_corner and _largest_product(newton, y, k) < limit:
             for l in range(6):
                 y[k, l] = 0.0
-    enforce_condition(problem, y, sigma)
+    enforce_condition(problem, newton, y, sigma)
