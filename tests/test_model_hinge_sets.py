@@ -15,7 +15,6 @@ from topo_search.model import BadInput, Design, Infeasible, Topology
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proof import chunk_count
 from topo_search.model.task_warnings import task_warnings
-from topo_search.study.proofs import problem
 from topo_search.study.relaxing import relaxable
 from topo_search.topologies import candidates
 from verify import audit, check_chunk
@@ -240,8 +239,3 @@ def test_prover_and_checker_part_intervals_alike_and_lose_no_angle(seed):
     )
     assert halves(angles, lower, lower) == (lower, math.inf)
     assert halves(np.zeros(0), -1.0, 2.0) == angles_around(np.zeros(0), 0.5) == (0.5, 0.5)
-
-
-def test_the_scope_of_a_proof_names_the_set():
-    assert "hinge angles of the task's set" in problem(task_of(2, 30.0), "task")
-    assert "hinge angles within 90 deg either way" in problem(push(2), "task")

@@ -5,18 +5,25 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import DISTINCT, FEATURES, HOVER, push, random_point, random_tree, with_masses
+from nlp_cases import (
+    CONE,
+    DISTINCT,
+    FEATURES,
+    HALF_SPACE,
+    HOVER,
+    LOCAL,
+    TWO_PATHS,
+    push,
+    random_point,
+    random_tree,
+    with_masses,
+)
 from suites import few
 
-from nlp import program
 from nlp.assembled.problem import AssembledProblem
-from nlp.assembled.terms import derived_rows
-from nlp.evaluation import correct, violations, worst
-from nlp.ipopt import BETA, OPTIONS
-from nlp.numbers.point import Point
+from nlp.ipopt import BETA
 from nlp.problem import problem
-from nlp.program import AssembledProgram
-from nlp.requirements import clearances, variable_bounds
+from nlp.requirements import clearances
 from nlp.solve import solve
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
@@ -25,6 +32,7 @@ from topo_search.model.files import read_task
 from topo_search.topologies import sample
 from verify import audit
 
+CONE_BELOW = {**CONE, "axis": [0.0, 0.0, -1.0]}
 CASES = {
     **{name: (fields, "a10" if "rod" in name else "a120") for name, fields in FEATURES.items()},
     "push": (FEATURES["push"], "a1300"),
@@ -84,56 +92,21 @@ def assert_printed(task, topology):
         np.testing.assert_allclose(own_hessian, np.triu(H), atol=1e-9 * max(1.0, np.abs(H).max()))
 
 
-def solve_printed(start):
-    """Where Ipopt ends from a start on the printed problem, as one CasADi graph."""
-    printed = problem(start.task, start.topology)
-    nlp = {
-        "x": printed.variables.vector(),
-        "p": printed.beta,
-        "f": printed.objective,
-        "g": ca.vertcat(*(row.expression for row in printed.constraints)),
-    }
-    lower, upper = (
-        np.repeat(
-            [getattr(row, side) for row in printed.constraints],
-            [row.expression.numel() for row in printed.constraints],
-        )
-        for side in ("lower", "upper")
-    )
-    least, most = variable_bounds(start.task, start.topology, start.alpha)
-    solver = ca.nlpsol("printed", "ipopt", nlp, OPTIONS)
-    x = solver(x0=start.pack(), p=BETA, lbx=least, ubx=most, lbg=lower, ubg=upper)["x"]
-    return Point.unpack(start.task, start.topology, np.asarray(x, dtype=float).ravel())
-
-
-@pytest.mark.parametrize("name", few(["60 degree cone", "push", "two paths", "paper root", "no body clearance"], 1))
-def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch):
-    """With every row, one round without move limits and the same options, it takes the same steps on both."""
-    for room, value in {"NEAR_ENVELOPE": np.inf, "NEAR_PARTS": np.inf}.items():
-        monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
-    limits = program.LIMITS._replace(bold=np.inf, rounds=1)
-    options = program.ROUND_OPTIONS._replace(near_start={})
-    for name_, value in {"LIMITS": limits, "ROUND_OPTIONS": options}.items():
-        monkeypatch.setattr(f"nlp.program.{name_}", value)
-    topology = Topology.from_key("a11210")
-    task = push(5, **FEATURES[name])
-    assembled, efforts = AssembledProgram(task, topology), []
-    for start in range(3):
-        point = draw(task, topology, generator(task, topology, start, 0))
-        ends = [correct(solve_printed(point)), correct(assembled.solve(point).point)]
-        met = [worst(violations(end)).met for end in ends]
-        efforts += [[np.sum(end.u**2) for end in ends]] if all(met) else []
-    assert efforts
-    np.testing.assert_allclose(*np.array(efforts).T, rtol=1e-6)
-
-
-def test_exactly_parallel_envelopes_have_finite_derivatives():
-    """The stationary point is a whole line then, and the printed problem's epsilon keeps it from blowing up."""
-    (airflow,) = clearances(push(2), Topology.from_key("a10"))[0].formulas
-    (pair,) = derived_rows(airflow, BETA)
-    z = np.array([0.0, 0.0, 1.0])
-    y = np.array([[[0.3, 0.0, 0.2], z, z], [[0.0, 0.1, 1.0], z, -z], [[2.0, 0.0, 0.0], z, z]])
-    assert all(np.all(np.isfinite(part)) for part in pair(y))
+@pytest.mark.parametrize("exposure", [[CONE_BELOW], [HALF_SPACE], [CONE], [LOCAL, TWO_PATHS]])
+@pytest.mark.parametrize("spread_angle_deg", [0.0, 10.0])
+def test_derivatives_stay_finite_where_the_geometry_degenerates(exposure, spread_angle_deg):
+    """Parallel axes, envelopes side by side without growth, an end ball in the middle of the cone."""
+    topology = Topology.from_key("a1300")
+    task = push(4, exposure=exposure, module={"airflow": {"spread_angle_deg": spread_angle_deg}})
+    assembled = AssembledProblem(task, topology, clearances(task, topology), BETA)
+    level = random_point(task, topology, np.random.default_rng(0))
+    x = replace(level, root=np.zeros(3), alpha=np.zeros(3), tip=np.array([0.0, 0.0, 0.5])).pack()
+    for values in (
+        assembled.constraints(x),
+        assembled.jacobian(x),
+        assembled.hessian(x, 1.0, np.ones(assembled.rows)),
+    ):
+        assert np.all(np.isfinite(values))
 
 
 def test_twenty_modules_are_solved_and_every_pair_is_clear():

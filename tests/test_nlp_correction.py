@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from nlp_cases import best_design, hover, push, random_point, random_tree
+from nlp_cases import hover, push, random_point, random_tree
 
-from nlp import lower_bound
 from nlp.evaluation import correct, violations
 from nlp.numbers.geometry import root_angles, root_rotation, rotation
 from nlp.program import AssembledProgram
@@ -76,11 +75,3 @@ def test_root_angles_of_a_rounded_rotation_at_the_gimbal_lock(alpha_0, short):
     turn = rotation(axis, 1.0)
     R = turn @ (turn.T @ root_rotation([0.7, alpha_0 * (1 - short), -1.9]))
     np.testing.assert_allclose(root_rotation(root_angles(R)), R, rtol=0, atol=1e-12)
-
-
-def test_wide_connectors_let_two_modules_hover_in_one_plane():
-    """l_c > r_air + dr_air: parallel neighbours clear each other."""
-    task = hover(2, module={"connector_distance": 0.22})
-    assert task.module.connector_distance > task.module.envelope.end_radius
-    design = best_design(task, Topology.from_key("a10"), 4)
-    assert design.objective == pytest.approx(lower_bound(task), rel=1e-8)

@@ -45,10 +45,6 @@ def test_pieces_of_the_starts_have_the_best_of_all(name):
         assert all(isinstance(part, Design) for part in (whole, first, second))
         best = min(first, second, key=lambda part: (part.objective, part.solver["start"]))
         record, of_parts = whole.solver, [first.solver, second.solver]
-        for field in ("hinge_angles_rad", "root_orientation_rad", "end_effector_m", "rotor_speeds_squared"):
-            assert np.array(getattr(whole, field)) == pytest.approx(
-                np.array(getattr(best, field)), rel=1e-4, abs=1e-4
-            )
         assert whole.objective == pytest.approx(best.objective, rel=1e-7)
         assert record["starts"] == sum(part["starts"] for part in of_parts)
     else:
@@ -64,24 +60,6 @@ def test_a_start_does_not_depend_on_the_ones_before_it():
     assert to_json(timeless(alone)) == to_json(timeless(backwards))
     together = [solve(push(), TREE, starts=range(s, s + 1), seed=1) for s in range(3)]
     assert to_json(timeless(together[2])) == to_json(timeless(alone))
-
-
-def starts_of(task, topology, seed, count=6):
-    return np.array([draw(task, topology, generator(task, topology, s, seed)).pack() for s in range(count)])
-
-
-def test_starts_differ_by_index_and_seed():
-    packed = np.concatenate([starts_of(push(), TREE, seed) for seed in (0, 1)])
-    apart = np.abs(packed[:, None] - packed[None]).max(axis=-1)
-    assert np.all(apart[~np.eye(len(packed), dtype=bool)] > 1e-3)
-
-
-def test_starts_differ_by_task_and_topology():
-    task, other = push(), push(search={"margin": 2e-4})
-    same = starts_of(task, TREE, 0)
-    assert np.array_equal(starts_of(push(), Topology(TREE.joints), 0), same)
-    assert not np.allclose(starts_of(other, TREE, 0), same)
-    assert not np.allclose(starts_of(task, Topology.from_key("a11210"), 0), same)
 
 
 def test_starts_are_inside_their_bounds():

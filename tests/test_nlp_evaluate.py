@@ -11,7 +11,7 @@ from nlp_cases import DISTINCT, FEATURES, HOVER, as_design, hover, push, random_
 from suites import few
 
 from nlp import names
-from nlp.evaluation import Violation, violations, worst
+from nlp.evaluation import violations, worst
 from nlp.ipopt import BETA
 from nlp.numbers.point import Point
 from nlp.problem import problem
@@ -216,15 +216,6 @@ def test_nothing_that_is_not_a_number_meets_a_constraint():
             checks = violations(bad)
         assert not worst(checks).met
         assert math.isnan(worst(checks).scaled)
-
-
-def test_the_worst_constraint_is_the_one_furthest_beyond_its_tolerance():
-    met = Violation("a", -1.0, "m", -10.0)
-    within = Violation("b", 1e-9, "N", 1e-9, 1e-8)
-    over = Violation("c", 1e-7, "N m", 1e-7, 1e-8)
-    assert worst([met, within]) is within
-    assert worst([over, met, within]) is over
-    assert [check.met for check in (met, within, over)] == [True, True, False]
 
 
 def test_equal_and_opposite_errors_do_not_cancel_in_the_check():

@@ -18,7 +18,6 @@ from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology
-from topo_search.model.files import to_json
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.topologies import candidates
 from verify import audit
@@ -67,12 +66,6 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
         assert f"`{shortfall.constraint}` (by {by} or more)" in result.message
     assert reasons[result.solver.start] is closest
     assert (result.solver.starts, result.solver.starts_feasible, result.solver.seed) == (3, 0, 0)
-
-
-def test_a_reason_survives_a_file():
-    result = failed(push(5, search={"body_clearance": 0.42}), FIVE, starts=1)
-    assert Infeasible.model_validate_json(to_json(result)) == result
-    assert result.message.startswith("the only start misses `")
 
 
 def test_what_is_proven_impossible_is_not_tried():
@@ -277,18 +270,6 @@ def test_a_tree_with_angles_that_clear_it_is_not_proven_to_be_in_its_way(l_c):
     assert clear >= 10
 
 
-def test_connectors_long_enough_make_every_tree_possible_again():
-    refused = [
-        sum(
-            prove_impossible(hover(5, module={"connector_distance": l_c}), c.topology) is not None
-            for c in candidates(5)
-        )
-        for l_c in (0.12, 0.15, 0.22)
-    ]
-    assert refused[0] > refused[1] == 2
-    assert refused[2] == 0
-
-
 @pytest.mark.parametrize("over", [-1e-4, 1e-4])
 def test_rotors_that_reach_beyond_the_connectors_are_impossible_with_body_clearance(over):
     """At no angle does a design of two such modules pass its audit; without body clearance it does."""
@@ -361,23 +342,14 @@ def test_connectors_too_short_for_the_airflow_are_impossible(shorter):
         assert prove_impossible(hover(1, module={"connector_distance": 0.0985}), Topology.from_key("a0")) is None
 
 
-OTHER_SIZE = r"`task\.n == topology\.n` must hold, but got 5 != 2"
-
-
-@pytest.mark.parametrize(
-    ("ask", "words"),
-    [
-        (lambda: prove_impossible(push(5), PAIR), OTHER_SIZE),
-        (lambda: solve(push(5), PAIR, starts=range(1), seed=0), OTHER_SIZE),
-        (
-            lambda: solve(push(5), FIVE, starts=range(3, 3), seed=0),
-            r"`starts` must have at least one index, but got range\(3, 3\)",
-        ),
-    ],
-)
-def test_a_tree_of_another_size_and_no_starts_are_refused(ask, words):
-    with pytest.raises(ValueError, match=words):
-        ask()
+def test_a_tree_of_another_size_and_no_starts_are_refused():
+    other_size = r"`task\.n == topology\.n` must hold, but got 5 != 2"
+    with pytest.raises(ValueError, match=other_size):
+        prove_impossible(push(5), PAIR)
+    with pytest.raises(ValueError, match=other_size):
+        solve(push(5), PAIR, starts=range(1), seed=0)
+    with pytest.raises(ValueError, match=r"`starts` must have at least one index, but got range\(3, 3\)"):
+        solve(push(5), FIVE, starts=range(3, 3), seed=0)
 
 
 def test_a_success_word_alone_is_not_believed(monkeypatch):

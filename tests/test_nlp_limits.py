@@ -62,18 +62,6 @@ def test_a_share_is_that_much_less_thrust():
     assert proofs[0].violation == pytest.approx(proofs[1].violation, rel=1e-9)
 
 
-def test_a_smaller_share_costs_effort_until_nothing_is_left():
-    efforts = []
-    for share in (1.0, 0.95, 0.9):
-        design = best_design(push(5, search={"peak_input": share}), FIVE, 4)
-        assert design.inputs.max() <= share * design.task.module.max_input(design.task.gravity)
-        assert audit(design).verdict == "clear"
-        efforts.append(design.objective)
-    assert efforts[0] * (1 + 1e-6) < efforts[1] < efforts[2]
-    proof = prove_impossible(push(5, search={"peak_input": 0.6}))
-    assert "all rotors at full thrust give 19.5 N at most" in proof.message
-
-
 # ---- stand-off
 
 
@@ -134,7 +122,3 @@ def test_a_compact_tree_is_proven_too_small_before_a_chain():
         for over in (0.999, 1.001):
             place = {"position": "com", "exclusion": False, "stand_off": over * farthest}
             assert (prove_impossible(push(5, load_cases=[HOVER], end_effector=place), tree) is None) == (over < 1)
-
-
-def test_a_free_end_effector_is_never_proven_too_near():
-    assert prove_impossible(push(5, end_effector={"stand_off": 3.0})) is None

@@ -14,16 +14,11 @@ from nlp.bounds.reach import _displacements, _poses
 from nlp.evaluation import violations, worst
 from nlp.reduced import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
-from topo_search.model.files import read_task
 from verify import audit
 
 DESIGNS = Path(__file__).parent / "designs"
 ROD = "reach of the end-effector's rod"
 FOUR = Topology.from_key("a2300")
-PAPER = ("push", "push-local", "push-directional", "push-two-paths", "push-exterior-60", "push-exterior-90")
-TEN = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
-
-
 CONE_OF_FORCES = {"axis": [1, 0, 0], "half_angle_deg": 20.0, "force": 5.0}
 
 
@@ -68,12 +63,6 @@ def test_by_default_it_is_at_most_four_widths_of_the_platform_and_a_rod_is_asked
         assert task.resolve(4).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 2)
         assert task.resolve(9).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 3)
         assert task.resolve(4).end_effector.rod == "straight"
-
-
-@pytest.mark.parametrize("name", PAPER + TEN)
-def test_the_tasks_of_the_paper_have_a_point_that_no_rod_carries(name):
-    task = read_task(name).resolve(5)
-    assert (task.end_effector.rod, task.largest_reach(5)) == ("none", None)
 
 
 @pytest.mark.parametrize("exposure", few([[{"kind": "local", "box": [0.1, 0.1, 0.1]}], []], 1))

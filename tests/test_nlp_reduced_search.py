@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from nlp_cases import GENTLE_PUSH, HOVER, PUSH, Table, as_point, best_design, placed, push
-from scipy.optimize import lsq_linear
+from nlp_cases import GENTLE_PUSH, HOVER, PUSH, Table, best_design, placed, push
 
 from nlp import lower_bound, multistart, solve
-from nlp.bounds.effort import closed_form
 from nlp.evaluation import violations, worst
 from nlp.multistart import DEEP, solve_starts
 from nlp.reduced import REDUCED_UP_TO
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.search import local_minima, point_of
-from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.start_result import StartResult
 from nlp.starts.reduced_starts import draw_starts
 from topo_search.model import Design, ResolvedTask, Topology
@@ -69,15 +66,6 @@ def test_a_polished_design_is_as_good_as_what_starts_of_ipopt_find(task, key) ->
     assert found.objective <= (1 + 1e-4) * other.objective
 
 
-def test_every_start_has_an_outcome_and_the_best_of_parts_is_that_of_all() -> None:
-    task = push(4, load_cases=GENTLE_PUSH)
-    whole = searched(task, range(6), seed=1)
-    parts = [searched(task, part, seed=1) for part in (range(3), range(3, 6))]
-    assert [outcome.start for outcome in whole] == list(range(6))
-    least = min(best(part).objective for part in parts)
-    assert best(whole).objective == pytest.approx(least, rel=1e-7)
-
-
 def test_starts_that_end_at_one_place_share_their_design() -> None:
     found = searched(push(5), range(8), tree=Topology.from_key("a70010"))
     met = [outcome for outcome in found if outcome.worst.met]
@@ -117,26 +105,13 @@ def with_sides() -> ResolvedTask:
     return push(5, load_cases=[*PUSH, *SIDES])
 
 
-def least_squares(design: Design, k: int) -> float:
-    """The least sum of squared inputs that produce load case k, over u_max^2, by scipy."""
-    point = as_point(design)
-    units = np.repeat([design.task.force_unit(5), design.task.torque_unit(5)], 3)
-    A = wrench_matrix(point) * design.task.max_input / units[:, None]
-    w = required_wrenches(point)[k] / units
-    stiff = 1e4
-    rows, asked = np.vstack([stiff * A, np.eye(A.shape[1])]), np.append(stiff * w, np.zeros(A.shape[1]))
-    return float(np.sum(lsq_linear(rows, asked, (0.0, 1.0), tol=1e-13).x ** 2))
-
-
-def test_a_design_produces_them_with_the_least_inputs_and_pays_nothing_for_them():
+def test_a_design_produces_them_and_pays_nothing_for_them():
     task = with_sides()
     design = best_design(task, WEIGHTLESS_TREE, 6)
     assert audit(design).verdict == "clear"
     u = design.inputs.reshape(7, -1)
     assert design.objective == pytest.approx(float(np.sum(u[:3] ** 2)), rel=1e-12)
     assert lower_bound(task) <= design.objective
-    for k in range(3, 7):
-        assert np.sum((u[k] / task.max_input) ** 2) == pytest.approx(least_squares(design, k), rel=1e-5)
 
 
 def test_what_cannot_be_done_is_infeasible_though_it_costs_nothing():
@@ -148,12 +123,3 @@ def test_what_cannot_be_done_is_infeasible_though_it_costs_nothing():
     assert not isinstance(impossible, Design)
     assert impossible.status == "impossible"
     assert impossible.worst_constraint == "load case 1 (too strong), force"
-
-
-def test_the_bound_knows_that_axes_must_serve_them_too():
-    """Hover alone costs the closed form; with pulls to both sides besides, not all rotors can pull straight up."""
-    both = [{"com": {"force": [x, 0.0, 1.0]}, "weight": 0.0} for x in (2.0, -2.0)]
-    alone, more = push(4, load_cases=[HOVER]), push(4, load_cases=[HOVER, *both])
-    assert lower_bound(alone) == pytest.approx(closed_form(alone))
-    assert closed_form(more) == pytest.approx(closed_form(alone))
-    assert lower_bound(more) > 1.5 * lower_bound(alone)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, push, random_point, random_tree
+from nlp_cases import FEATURES, push, random_tree
 
 from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
@@ -37,15 +37,6 @@ def test_statements_of_equal_tasks_share_their_derivatives():
         one, other = (list(clearances(push(4, **fields), tree)) for _ in range(2))
         assert [hash(a.formulas) for a in one] == [hash(b.formulas) for b in other]
         assert all(a.formulas == b.formulas for a, b in zip(one, other, strict=True))
-
-
-def test_a_round_of_ipopt_does_without_far_subjects():
-    task, tree = push(6), random_tree(6, np.random.default_rng(4), aligned=True)
-    vectors = random_point(task, tree, np.random.default_rng(5)).vectors
-    for requirement in clearances(task, tree):
-        kept = requirement.restrict(vectors)
-        gaps = requirement.gaps(vectors).min(axis=1)
-        np.testing.assert_array_equal(kept.subjects, requirement.subjects[gaps < requirement.near])
 
 
 def test_centres_keep_no_more_of_a_larger_margin_than_errors_take():

@@ -199,13 +199,3 @@ def test_more_reserve_than_all_rotors_have_is_impossible_by_proof_and_a_little_l
     assert falls.message.startswith("load case 0 needs")  # with or without a reserve
     within = asked(force_reserve=left / 1.291 * 1.1)  # its corners are beyond, the ball is not
     assert prove_impossible(within) is None or "corner" not in str(prove_impossible(within))
-
-
-def test_numbers_without_a_proof_are_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
-    design = solved(solve(asked(force_reserve=0.05, directions="horizontal"), LOW, starts=range(4), seed=0))
-    monkeypatch.setattr("verify.design_audit.flight", lambda *given: None)
-    judged = audit(design)
-    (row,) = rows(judged).values()
-    assert row.status is Status.UNDECIDED
-    assert judged.verdict == "undecided"
-    assert np.isfinite(row.value)

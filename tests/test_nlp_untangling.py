@@ -3,7 +3,6 @@
 import math
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from nlp.numbers.geometry import Swept, largest_turn, poses, root_rotation, rota
 from nlp.numbers.geometry import clearance as vectorised
 from nlp.numbers.point import Point
 from nlp.requirements.balances import required_wrenches, wrench_matrix
-from nlp.starts import random_starts as starts
 from nlp.starts.random_starts import DRAWING, draw, generator, root_of
 from nlp.starts.tabu_search import Rules, clearance
 from nlp.starts.untangling import CLEAR, lever, shorten_lever, untangle
@@ -75,13 +73,6 @@ def test_no_hinge_is_turned_to_where_rotors_touch():
     assert limit == pytest.approx(math.pi - 2 * math.atan2(0.0601, 0.15 - 0.1 / math.sqrt(2) - 0.0501))
     alpha = untangle(task, sample(10, 1, seed=1)[0], np.zeros(9), np.random.default_rng(0))
     assert np.abs(alpha).max() == limit
-
-
-def test_no_start_has_rotors_that_touch():
-    task, topology = push(5, module={"body": {"rotor_radius": 0.076}}), Topology.from_key("a11210")
-    starts = [draw(task, topology, generator(task, topology, start, 0)) for start in range(10)]
-    turned = max(np.abs(start.alpha).max() for start in starts)
-    assert 0.9 * largest_turn(task) < turned <= largest_turn(task)
 
 
 def test_in_the_ablation_only_centres_count():
@@ -232,40 +223,6 @@ def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
         efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
     assert min(efforts) == pytest.approx(efforts[0], rel=1e-9)
     assert max(efforts) > 1.01 * efforts[0]
-
-
-def test_the_narrowest_of_several_cones_holds_all_airflow_at_the_start():
-    wide, narrow = cone(90.0, [0.0, 0.0, -1.0]), cone(60.0, [0.0, 0.6, -0.8])
-    for exposure in ([wide, narrow], [narrow, wide]):
-        task, topology = conical(10, exposure=exposure), sample(10, 1, seed=2)[0]
-        start = draw(task, topology, generator(task, topology, 0, 0))
-        named = f"exposure {exposure.index(narrow)} "
-        held = [check.scaled for check in violations(start) if named in check.name]
-        assert len(held) == 10
-        assert max(held) <= 0.0
-
-
-def test_rounding_does_not_choose_among_turns_that_are_alike(monkeypatch):
-    """Hover costs the same whichever way the platform is turned about the vertical."""
-    hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
-    task, topology = conical(8, load_cases=hover), sample(8, 1, seed=0)[0]
-    start = draw(task, topology, generator(task, topology, 0, 0))
-    calls = iter(range(DRAWING.turns))
-    exact = starts._with_least_norm
-
-    def rounded(point):
-        point = exact(point)
-        return replace(point, u=point.u * (1.0 - 1e-12 * next(calls)))
-
-    monkeypatch.setattr(starts, "_with_least_norm", rounded)
-    np.testing.assert_array_equal(draw(task, topology, generator(task, topology, 0, 0)).root, start.root)
-
-
-def test_one_seed_one_start():
-    task, topology = conical(12), sample(12, 1, seed=0)[0]
-    first, second = (draw(task, topology, generator(task, topology, 3, 0)) for _ in range(2))
-    np.testing.assert_array_equal(first.pack(), second.pack())
-    assert np.abs(draw(task, topology, generator(task, topology, 4, 0)).alpha - first.alpha).max() > 0.1
 
 
 def test_a_fixed_end_effector_stays_where_it_is():

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp_cases import as_design, hover, push, random_point, random_tree, trees
+from nlp_cases import as_design, hover, push, random_point, trees
 
 from nlp import names
 from nlp.evaluation import violations
@@ -119,10 +119,3 @@ def test_a_level_module_lifts_and_yaws_as_the_paper_says():
         ]
     )
     np.testing.assert_allclose(wrench_matrix(point), expected, rtol=1e-14, atol=1e-24)
-
-
-def test_gravity_is_never_added():
-    """A load case is the whole wrench: without a force nothing is asked."""
-    topology = random_tree(3, np.random.default_rng(0))
-    weightless = random_case(topology, 1, load_cases=[{"end_effector": {"torque": [0.0, 0.0, 0.0]}}])
-    assert np.all(required_wrenches(weightless) == 0.0)

@@ -238,7 +238,7 @@ def test_what_has_no_number_is_missed(task, expression):
         lambda platform: ca.sqrt(0.04 - platform.hinge_angles**2),
     ],
 )
-def test_what_has_numbers_for_few_platforms_is_no_mistake_either(key, expression):
+def test_what_has_numbers_for_few_platforms_is_no_mistake(key, expression):
     tree = Topology.from_key(key)
     refuse_unusable([OwnConstraint("c", expression, lower=0.0)], read_task("push").resolve(tree.n), tree)
 
