@@ -19,9 +19,8 @@ from nlp.reduced.descent import Evaluation, evaluate
 from nlp.reduced.search import Descent, point_of
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
-from verify.air.bound import air, case_jets
+from verify.air.bound import case_jets
 from verify.air.jets import speeds
-from verify.kinematics import platform
 from verify.requirements import Scene
 
 REGIONS = [
@@ -209,7 +208,7 @@ def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: 
             point = replace(point, tip=end)
         share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
         design = as_design(replace(point, u=u / share))
-        assert air(Scene(design, platform(design))).cases[0].regions[0].speed_at_most_m_s >= least
+        assert audit(design).air.cases[0].regions[0].speed_at_most_m_s >= least
 
 
 def test_rotors_at_full_thrust_draw_in_little_more_air_far_away_than_is_proven() -> None:
@@ -221,4 +220,4 @@ def test_rotors_at_full_thrust_draw_in_little_more_air_far_away_than_is_proven()
     point = random_point(task, random_tree(1, rng), rng)
     u = 2.08 * task.force_unit(1) / task.module.thrust_coefficient / 4
     design = as_design(replace(point, root=np.zeros(3), u=np.full((1, 1, 4), u)))
-    assert least <= air(Scene(design, platform(design))).cases[0].regions[0].speed_at_most_m_s <= 1.2 * least
+    assert least <= audit(design).air.cases[0].regions[0].speed_at_most_m_s <= 1.2 * least

@@ -12,7 +12,7 @@ from nlp_cases import BELOW, CONE, OUTWARDS, PANE, PILLAR, as_design, push, rand
 from suites import few
 from verify_cases import changed, design, failing, fan
 
-from topo_search.model import Design, Geometry, Mount, Status, Topology
+from topo_search.model import Assembly, Design, Geometry, Mount, Status, Topology
 from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.files import to_json
 from verify.bare import complete
@@ -22,6 +22,7 @@ from verify.design_audit import audit
 from verify.flight.residuals import tolerance_residuals
 from verify.kinematics import platform
 from verify.requirements import Scene
+from verify.sections import Findings
 from verify.sensitivity import clearance_of, deviate, sensitivity
 from verify.tolerance import Errors, Tolerance
 
@@ -395,7 +396,7 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
     found = platform(of)
     scene = Scene(of, found)
     airflow = [r for r in scene.requirements() if r.kind == "airflow"]
-    result = sensitivity(scene, airflow, certify(airflow), None)
+    result = sensitivity(Findings(scene, Assembly(), airflow, certify(airflow), {}))
     assert result.hinge_angle_deg.violated_at is not None
     broken = []
     still = np.zeros((6, 3))
@@ -422,7 +423,7 @@ def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
     found = platform(of)
     scene = Scene(of, found)
     cones = [r for r in scene.requirements() if r.kind == "exterior"]
-    result = sensitivity(scene, cones, certify(cones), None)
+    result = sensitivity(Findings(scene, Assembly(), cones, certify(cones), {}))
     assert result.position_m.violated_at < 1.5 * result.position_m.tolerated
 
 

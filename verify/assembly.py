@@ -30,6 +30,7 @@ from verify.kinematics import Platform
 from verify.parts import FIT, StraightRod
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
+from verify.sections import Findings
 
 
 def assembly(scene: Scene) -> Assembly:
@@ -78,9 +79,9 @@ def choose_mount(design: Design) -> Mount | None:
     return best_available(tuple(connectors), scene)
 
 
-def rod_residuals(scene: Scene, sheet: Assembly) -> Iterator[Residual]:
+def rod_residuals(found: Findings) -> Iterator[Residual]:
     """Yield the residuals of the rod that the task requires: its existence, its length and its mass."""
-    design = scene.design
+    scene, sheet, design = found.scene, found.sheet, found.scene.design
     if design.task.end_effector.rod == "straight":
         missing = 0.0 if sheet.mount is not None and scene.in_range else 1.0
         status = None if scene.in_range else Status.UNDECIDED

@@ -38,6 +38,7 @@ from verify.flight.programs import LARGEST, Bounds, find_solutions, least_inputs
 from verify.kinematics import Platform, objective, platform, required_wrench, wrench_map
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
+from verify.sections import Findings
 
 
 def complete(geometry: Geometry) -> Design:
@@ -88,9 +89,9 @@ def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
     return np.asarray(v * task.max_input)
 
 
-def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
+def corner_residuals(found: Findings) -> Iterator[Residual]:
     """Yield the residual of each vertex of the wrench sets: the largest error of its equations."""
-    task, n = design.task, design.topology.n
+    task, platform, n = found.scene.design.task, found.scene.platform, found.scene.design.topology.n
     corners = corners_of(task)
     if not corners:
         return
@@ -112,8 +113,12 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         yield residual(label, float(largest[k]), "m_t g, l_arm m_t g", 1.0, status=status)
 
 
-def power(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
-    """Yield the power in hover, if the platform can hover, and in every load case."""
+def power(found: Findings) -> tuple[CasePower, ...]:
+    """Return the power in hover, if the platform can hover, and in every load case."""
+    return tuple(_powers(found.scene.design, found.scene.platform, found.figures["flight"]))
+
+
+def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
     task, module, rotors = design.task, design.task.module, 4 * design.topology.n
     A = wrench_map(platform, module)
     rows = [

@@ -24,23 +24,14 @@ from topo_search.model import Audit, Clearance, Design, Geometry, Interference, 
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
-from verify.air.bound import air, speed_residuals
-from verify.assembly import assembly, rod_residuals
-from verify.bare import complete, corner_residuals, power
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
 from verify.contacts import AnyCheck, allowed_contacts, certify
 from verify.contacts import checks as checks_of
-from verify.flight.analysis import flight
-from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
+from verify.features import SECTIONS, assembly, complete
 from verify.requirements import Scene
 from verify.residuals import clamp, residuals
-from verify.sensitivity import sensitivity
-
-
-def percent_of_deepest(clearance: float, module: Module) -> float:
-    """Return the clearance of two envelopes [m] in percent of their deepest possible overlap."""
-    return 100.0 * clearance / (2.0 * module.envelope.end_radius)
+from verify.sections import Findings
 
 
 def interference(pairs: Sequence[Clearance]) -> Interference:
@@ -77,48 +68,45 @@ def audit(design: Geometry) -> Audit:
 
 def _audit(design: Design, started: float) -> Audit:
     scene = Scene(design)
-    platform, sheet = scene.platform, assembly(scene)
-    residual_rows = (
-        *residuals(design, platform),
-        *corner_residuals(design, platform),
-        *rod_residuals(scene, sheet),
-    )
+    sheet = assembly(scene)  # its mount, where the rod starts, decides which clearances there are
     checks = list(itertools.islice(checks_of(scene, sheet.mount), MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but this one has more")
-    certificates = certify(checks)
-    statuses = [c.status for check, c in zip(checks, certificates, strict=True) if check.counts]
-    module = design.task.module
-    middle = platform.p_com + platform.o.mean(axis=0)  # the scene's origin in W
-    closest = _closest_points(checks, certificates, module.arm_length, middle)
-    pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
-    errors = sensitivity(scene, checks, certificates, sheet.mount)
-    capability = flight(design, platform, sheet, errors)
-    judged = (reserve_residuals, failure_residuals, load_residuals)
-    residual_rows = (*residual_rows, *(row for residuals_of in judged for row in residuals_of(design, capability)))
-    air_speeds = air(scene)
-    residual_rows = (*residual_rows, *tolerance_residuals(design, errors), *speed_residuals(design, air_speeds))
+    found = Findings(scene, sheet, checks, certify(checks), {})
+    rows = [*residuals(design, scene.platform)]
+    for section in SECTIONS:
+        if section.find is not None:
+            found.figures[section.field] = section.find(found)
+        rows += section.residuals(found)
+    counted = [row.status for check, row in zip(checks, found.certificates, strict=True) if check.counts]
+    pairs = _clearances(found)
     return Audit(
         inputs_computed=design.inputs_computed,
-        verdict=Status.worst([*(row.status for row in residual_rows), *statuses]),
+        verdict=Status.worst([*(row.status for row in rows), *counted]),
         pairs=pairs,
-        residuals=residual_rows,
+        residuals=tuple(rows),
         interference=None if design.task.search.interference == "parts" else interference(pairs),
-        sensitivity=errors,
-        flight=capability,
-        power=tuple(power(design, platform, capability)),
-        air=air_speeds,
         stated=tuple(StatedCheck(**claim.model_dump(), status="not checked") for claim in design.stated),
         mesh_excess=_mesh_excess(design),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),
         seconds=time.perf_counter() - started,
+        **found.figures,
     )
 
 
+def _clearances(found: Findings) -> tuple[Clearance, ...]:
+    """Return the clearance of every check, in the order of the checks."""
+    scene, module = found.scene, found.scene.design.task.module
+    middle = scene.platform.p_com + scene.platform.o.mean(axis=0)  # the scene's origin in W
+    closest = _closest_points(found.checks, found.certificates, scene.l_arm, middle)
+    rows = zip(found.checks, found.certificates, closest, strict=True)
+    return tuple(_clearance(*row, module) for row in rows)
+
+
 def _closest_points(
-    checks: list[AnyCheck], certificates: list[Certificate], l_arm: float, middle: Array
+    checks: Sequence[AnyCheck], certificates: Sequence[Certificate], l_arm: float, middle: Array
 ) -> list[tuple[Vector, Vector] | None]:
     """Return the closest points of each check's sides in W [m]; for a minimum distance, the ball centres."""
 
@@ -152,7 +140,7 @@ def _clearance(
         upper_m=upper,
         analytic_m=d,
         level=certificate.level,
-        percent=clamp(percent_of_deepest(d, module)) if check.kind == "airflow" else None,
+        percent=clamp(100.0 * d / (2.0 * module.envelope.end_radius)) if check.kind == "airflow" else None,
         evidence=(*_describe(check), *certificate.evidence) if certificate.evidence else (),
         closest_m=closest,
     )

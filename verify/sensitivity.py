@@ -20,7 +20,6 @@ them; reserves and air speeds are those of the design as drawn.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +28,14 @@ from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
 from verify.beside_airflow import clearance as clearance_beside
 from verify.bodies import AllowedCone, Array, clearances, cone_clearance
-from verify.certificate import BOUND_ROUNDING, Certificate
+from verify.certificate import BOUND_ROUNDING
 from verify.compounds import Compound, proximities
 from verify.cones import certify_parts_inside
 from verify.contacts import AnyCheck, counterpart
 from verify.hulls import HullBody, approach
 from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Scene
+from verify.sections import Findings
 from verify.tolerance import Errors, Example, Tolerance, Weakest
 
 
@@ -63,21 +63,13 @@ class SearchSettings(NamedTuple):
 SEARCH = SearchSettings()
 
 
-def sensitivity(
-    scene: Scene, checks: Sequence[AnyCheck], certificates: Sequence[Certificate], mount: Mount | None
-) -> Sensitivity | None:
-    """Return the build errors that a design tolerates; None without clearances, or if airflow may merge.
-
-    Args:
-        scene: the volumes of the design.
-        checks: its checks; those that do not count are ignored.
-        certificates: their certificates.
-        mount: the connector that carries the end-effector.
-    """
-    counted = [pair for pair in zip(checks, certificates, strict=True) if pair[0].counts]
+def sensitivity(found: Findings) -> Sensitivity | None:
+    """Return the build errors that a design tolerates; None without clearances, or if airflow may merge."""
+    scene = found.scene
+    counted = [pair for pair in zip(found.checks, found.certificates, strict=True) if pair[0].counts]
     if not counted or scene.design.task.search.interference == "parts":  # thrust lost in wakes has no bound
         return None
-    tolerance, l_arm = Tolerance(scene, counted, mount), scene.l_arm
+    tolerance, l_arm = Tolerance(scene, counted, found.sheet.mount), scene.l_arm
     specified = scene.design.task.tolerances
     errors = Errors(math.radians(specified.hinge_angle_deg), specified.position / l_arm, specified.envelope / l_arm)
     return Sensitivity(

@@ -24,7 +24,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from topo_search.model import Design, Module, Residual, Status
+from topo_search.model import Module, Residual, Status
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
@@ -34,6 +34,7 @@ from verify.hulls import HullBody
 from verify.meshes import LARGEST_COORDINATE
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
+from verify.sections import Findings
 
 
 class SpeedSearch(NamedTuple):
@@ -195,8 +196,9 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 """Quadrature points of the unit disc, shape (7, 2)."""
 
 
-def air(scene: Scene) -> AirSpeeds | None:
+def air(found: Findings) -> AirSpeeds | None:
     """Return the air speeds of a design in every load case; None if its numbers are too large."""
+    scene = found.scene
     if not (
         np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.tip]).max() < LARGEST_COORDINATE
     ):
@@ -213,12 +215,13 @@ def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
         yield name, jets(task.module, task.air_density, scene.centres, scene.R, rotors, u)
 
 
-def speed_residuals(design: Design, air_speeds: AirSpeeds | None) -> Iterator[Residual]:
+def speed_residuals(found: Findings) -> Iterator[Residual]:
     """Yield the excess of the bound over the limit for every region with a speed limit, in every load case."""
-    for number, exposure in enumerate(design.task.exposure):
+    task, air_speeds = found.scene.design.task, found.figures["air"]
+    for number, exposure in enumerate(task.exposure):
         if exposure.speed is None:
             continue
-        for k, label in enumerate(design.task.case_labels):
+        for k, label in enumerate(task.case_labels):
             region = None if air_speeds is None else air_speeds.cases[k].regions[number]
             status = Status(region.status) if region is not None and region.status else Status.UNDECIDED
             at_most = math.inf if region is None else region.speed_at_most_m_s

@@ -32,14 +32,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import (
-    Assembly,
     CaseFlight,
     Design,
     Flight,
     JointLoad,
     LoadCase,
     RotorsOut,
-    Sensitivity,
     Wrench,
 )
 from topo_search.model.load_case import ROTOR_OUT_TORQUE, weight_cases
@@ -60,6 +58,7 @@ from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
 from verify.residuals import clamp
+from verify.sections import Findings
 
 HOVER = "hover"
 
@@ -69,16 +68,10 @@ CASES = 20
 """Number of cases whose reserves are computed in one batch."""
 
 
-def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitivity | None) -> Flight | None:
-    """Return the flight capability of a design beyond its task; None if its numbers are too large.
-
-    Args:
-        design: the design.
-        platform: its geometry.
-        sheet: its assembly sheet.
-        errors: build errors that its clearances tolerate.
-    """
-    task, tip = design.task, sheet.end_effector
+def flight(found: Findings) -> Flight | None:
+    """Return the flight capability of a design beyond its task; None if its numbers are too large."""
+    design, platform, mount = found.scene.design, found.scene.platform, found.sheet.mount
+    task, tip, errors = design.task, found.sheet.end_effector, found.figures["sensitivity"]
     max_input = task.module.max_input(task.gravity)
     N, A = 4 * design.topology.n, wrench_map(platform, task.module) * max_input
     inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / max_input)]
@@ -114,7 +107,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         rotors_out_asked=None
         if task.flight.rotor_out == "none"
         else analysis.rotors_out([number for number, _, _ in weight_cases(task, task.flight.rotor_out)]),
-        joints=_joint_loads(analysis, design, platform, None if sheet.mount is None else sheet.mount.module),
+        joints=_joint_loads(analysis, design, platform, None if mount is None else mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=analysis.hover_input,
         hover_power_ratio=analysis.hover_power_ratio,

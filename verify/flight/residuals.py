@@ -15,6 +15,16 @@ from topo_search.model.proven import TOLERANCE
 from verify.flight.joints import inertia
 from verify.kinematics import platform
 from verify.residuals import residual
+from verify.sections import Findings
+
+
+def flight_residuals(found: Findings) -> Iterator[Residual]:
+    """Yield the residuals of reserves, failures, loads and tolerances."""
+    design, capability = found.scene.design, found.figures["flight"]
+    yield from reserve_residuals(design, capability)
+    yield from failure_residuals(design, capability)
+    yield from load_residuals(design, capability)
+    yield from tolerance_residuals(design, found.figures["sensitivity"])
 
 
 def reserve_residuals(design: Design, capability: Flight | None) -> Iterator[Residual]:
