@@ -41,6 +41,23 @@ def test_beside_slivers_nothing_is_proven(hub):
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
 
 
+def test_a_search_that_ends_early_proves_no_more_than_its_planes(monkeypatch):
+    """From the first ball of airflow alone, parts beside the last one seem farther away than they are."""
+    rng, claims = np.random.default_rng(5), 0
+    envelope = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5))
+    for _ in range(10):
+        centre = np.array([rng.uniform(3.0, 6.0), rng.uniform(-1.0, 1.0), rng.uniform(-9.0, -1.0)])
+        checks = list(beside_airflow(*two_modules(module(1.0, rng), envelope, np.eye(3), centre), counts=True))[:5]
+        true = certify_beside(checks)
+        with monkeypatch.context() as patched:
+            patched.setattr("verify.beside_airflow._nearest_eta", lambda part, K: np.zeros(len(K.r)))
+            found = certify_beside(checks)
+        for is_true, claimed in zip(true, found, strict=True):
+            claims += claimed.analytic > is_true.upper + 1e-3
+            assert claimed.lower is None or claimed.lower <= is_true.upper + 1e-9
+    assert claims > 20
+
+
 def test_beyond_the_range_of_proofs_nothing_is_proven():
     rng = np.random.default_rng(4)
     for centre in ([1e7, 0.0, 0.0], [1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [np.nan, 0.0, 0.0]):
