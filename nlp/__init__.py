@@ -3,10 +3,11 @@
 `nlp.problem` writes it as the paper does; a search calls `nlp.solve`.
 """
 
-from nlp.bounds import lower_bound, prove_impossible, proven_bound
+from nlp.bounds import lower_bound, proven_bound
 from nlp.bounds.branch.arrays import centre as proof_root
 from nlp.bounds.branch.proof import prepare as prepare_proof
 from nlp.bounds.branch.proof import prove_chunk
+from nlp.bounds.proofs import prove_impossible
 from nlp.solve import default_starts, local_optima, move_rod, prepare, solve
 from nlp.user_constraints import check_user_constraints, refuse_unusable, refuse_wrong_claims
 

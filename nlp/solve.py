@@ -10,10 +10,10 @@ from importlib.metadata import version
 
 import numpy as np
 
-from nlp.bounds import bound_of, prove_impossible
+from nlp.bounds import bound_of
 from nlp.corners import judge, solve_with_corners, without_corners
 from nlp.evaluation import correct
-from nlp.features import pseudo_inverse_constraints
+from nlp.features import prove_impossible, pseudo_inverse_constraints
 from nlp.numbers.point import Point, weigh_rod
 from nlp.reduced import REDUCED_UP_TO, reason_against
 from nlp.requirements.rod import rod_of

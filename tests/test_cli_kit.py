@@ -22,7 +22,7 @@ from toy_problem import toy_run, toy_task
 
 import verify
 from nlp import solve
-from nlp.evaluation import refit
+from nlp.refit import refit
 from topo_search.cli import main
 from topo_search.compose import searching
 from topo_search.compose.drawer import (

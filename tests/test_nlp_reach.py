@@ -9,7 +9,7 @@ from nlp_cases import BESIDE_A_DECK, LOCAL, PUSH, as_design, as_point, hover, pu
 from suites import few
 
 from nlp import solve
-from nlp.bounds import prove_impossible
+from nlp.bounds.proofs import prove_impossible
 from nlp.bounds.reach import _displacements, _poses
 from nlp.evaluation import violations, worst
 from nlp.reduced import reason_against

@@ -7,7 +7,7 @@ import pytest
 from export_cases import random_design
 from scipy.optimize import minimize
 
-from nlp.evaluation import NotPossible, refit
+from nlp.refit import NotPossible, refit
 from topo_search.model import Design, Status, Topology
 from verify import audit
 from verify.kinematics import platform, wrench_map

@@ -1,6 +1,5 @@
 """Limits that no solver can beat: the least effort of a task, and proofs that it is impossible."""
 
 from nlp.bounds.effort import BoundBroken, bound_of, lower_bound, proven_bound
-from nlp.bounds.proofs import prove_impossible
 
-__all__ = ["BoundBroken", "bound_of", "lower_bound", "prove_impossible", "proven_bound"]
+__all__ = ["BoundBroken", "bound_of", "lower_bound", "proven_bound"]

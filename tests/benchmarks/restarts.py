@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nlp.bounds import prove_impossible
+from nlp.bounds.proofs import prove_impossible
 from nlp.evaluation import correct, violations, worst
 from nlp.numbers.geometry import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector

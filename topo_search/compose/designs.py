@@ -152,7 +152,7 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
         BadInput: with rounded angles the rotors cannot produce some load case.
         RuntimeError: an audit failed; the message gives the reason.
     """
-    from nlp.evaluation import NotPossible, refit
+    from nlp.refit import NotPossible, refit
 
     angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
     try:

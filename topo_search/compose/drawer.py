@@ -252,7 +252,7 @@ def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, wi
     Sizes of angles are grouped from the smallest up, in groups no wider than the tolerance, and replaced by the
     middle of their group. Root orientation and end-effector stay; the inputs are recomputed.
     """
-    from nlp.evaluation import NotPossible, refit  # loads CasADi
+    from nlp.refit import NotPossible, refit  # loads CasADi
 
     sizes = sorted({size for designs in choices for design in designs for size in count_kinds(design)})
     shared, group = dict[float, float](), list[float]()
