@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from verify_cases import fan
 
 from topo_search.export.picture import figure_of
-from topo_search.export.solids import Mesh, cone_sphere, frame, glb, join, rotor_discs, stl
+from topo_search.export.solids import frame, glb, join, rotor_discs, stl
 from topo_search.export.task_picture import task_figure
 from topo_search.model import Design, Module, Topology
+from topo_search.model.mesh import Mesh, cone_sphere
 from topo_search.report.scene import scene
 from verify.kinematics import platform, rotation
 

@@ -33,10 +33,10 @@ from suites import few
 
 import topo_search
 from topo_search.export.poses import shapes
-from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
 from topo_search.model.exposure import EXPOSURE_KINDS, Allowed, AnyExposure
 from topo_search.model.files import to_json
+from topo_search.model.shape import Shape
 from topo_search.report.task_facts import facts
 from verify import audit
 from verify.kinematics import platform
@@ -152,7 +152,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     assert Design.model_validate_json(to_json(design)) == design
     at = platform(design)
     for _, shape in shapes(design.task, at.p_e):
-        assert len(region_mesh(shape, 1.0).faces) > 0
+        assert len(shape.mesh(1.0).faces) > 0
     assert len(next(rows[0][1] for _, rows in facts(point.task) if rows[0][0] == "requirement 0")) > 10
     for pair in exposed(audit(design)):
         gap = math.dist(*pair.closest_m)
@@ -161,25 +161,41 @@ def test_every_kind_is_told_drawn_and_stored(kind):
         assert math.isfinite(gap)
 
 
-def names_a_kind(node, classes):
-    """Return whether a node of the code is the class of a kind, or its name as a string."""
+ROOT = Path(topo_search.__file__).parents[1]
+
+
+def names_one(node, classes, strings):
+    """Return whether a node of the code is one of some classes or strings."""
     match node:
         case ast.Name(id=name) | ast.Attribute(attr=name) | ast.alias(name=name):
             return name in classes
         case ast.Constant(value=str(text)):
-            return text in EXPOSURE_KINDS
+            return text in strings
     return False
 
 
+def files_that_name(classes, strings=()):
+    files = [file for package in ("nlp", "topo_search", "verify") for file in (ROOT / package).rglob("*.py")]
+    nodes = {str(file.relative_to(ROOT)): ast.walk(ast.parse(file.read_text(encoding="utf-8"))) for file in files}
+    return {file for file in nodes if any(names_one(node, classes, strings) for node in nodes[file])}
+
+
 def test_few_files_name_a_kind():
-    root, classes = Path(topo_search.__file__).parents[1], {kind.__name__ for kind in get_args(AnyExposure)}
-    files = [file for package in ("nlp", "topo_search", "verify") for file in (root / package).rglob("*.py")]
-    codes = {str(file.relative_to(root)): ast.parse(file.read_text(encoding="utf-8")) for file in files}
-    naming = {file for file, code in codes.items() if any(names_a_kind(node, classes) for node in ast.walk(code))}
+    classes = {kind.__name__ for kind in get_args(AnyExposure)}
+    naming = files_that_name(classes, EXPOSURE_KINDS)
     assert naming == {"topo_search/__init__.py", "topo_search/model/exposure.py", "verify/requirements.py"}
     assert classes <= set(topo_search.__all__)
-    template = (root / "topo_search/model/template.toml").read_text(encoding="utf-8")
+    template = (ROOT / "topo_search/model/template.toml").read_text(encoding="utf-8")
     assert re.findall(r'^# kind = "(\w+)"', template, re.MULTILINE) == list(EXPOSURE_KINDS)
+
+
+def test_of_those_that_use_shapes_only_the_solver_names_one():
+    model, solver = (
+        ("shape", "exposure"),
+        ("requirements/exposure", "air/limits", "bounds/reach", "starts/random_starts"),
+    )
+    expected = {f"topo_search/model/{name}.py" for name in model} | {f"nlp/{name}.py" for name in solver}
+    assert files_that_name({shape.__name__ for shape in Shape.__subclasses__()}) == expected
 
 
 def test_a_piece_is_judged_like_a_region_of_its_own():

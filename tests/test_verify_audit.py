@@ -13,7 +13,7 @@ from topo_search.model.audit import counts
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.kinematics import objective, platform
-from verify.meshes import Shape
+from verify.meshes import FclPolytope
 
 ONE = Topology(((-1, -1, -1),))
 BELOW = (0.0, 0.0, -0.3)
@@ -235,7 +235,7 @@ def test_a_file_of_another_program_is_judged_like_our_own(broken, tmp_path):
 def test_a_fault_of_the_audit_itself_comes_with_its_evidence(monkeypatch):
     given = fan({"exposure": FREE_ABOVE[3:4]})
     assert not any(pair.evidence for pair in audit(given).pairs)
-    monkeypatch.setattr(Shape, "overlaps", lambda self, other: True)
+    monkeypatch.setattr(FclPolytope, "overlaps", lambda self, other: True)
     result = audit(given)
     assert result.verdict == Status.INCONSISTENT
     assert {pair.status for pair in result.pairs} == {Status.INCONSISTENT}

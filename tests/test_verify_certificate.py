@@ -14,7 +14,7 @@ from topo_search.model import Status
 from verify.bodies import AllowedCone, ConeSphere, NearestOnAxes, ball, clearances, cone_clearance
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.cones import certify_inside
-from verify.meshes import LARGEST_COORDINATE, Shape
+from verify.meshes import LARGEST_COORDINATE, FclPolytope
 
 AWKWARD = ("generic", "nearly parallel", "growth as large as length", "nested")
 """Families of which the fast suite has examples: those that the others are limits of."""
@@ -146,7 +146,7 @@ def test_a_wrong_closed_form_is_never_believed(lie, monkeypatch):
 def test_a_wrong_fcl_is_never_believed(answer, monkeypatch):
     rng = np.random.default_rng(25)
     pairs = [random_pair("generic", rng) for _ in range(40)]
-    monkeypatch.setattr(Shape, "overlaps", lambda self, other: answer)
+    monkeypatch.setattr(FclPolytope, "overlaps", lambda self, other: answer)
     for certificate, d in zip(
         certify_pairs([(Solid(A), Solid(B)) for A, B in pairs]), brute_clearance(pairs), strict=True
     ):
@@ -221,7 +221,7 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
         return certify_pairs([(Solid(A), Solid(B))])[0]
 
     assert certificate().evidence == ()
-    monkeypatch.setattr(Shape, "overlaps", lambda self, other: True)
+    monkeypatch.setattr(FclPolytope, "overlaps", lambda self, other: True)
     first, *levels = certificate().evidence
     assert f"clearance {clearances([(A, B)]).d.tolist()[0]!r} at" in first
     assert len(levels) == 4
@@ -236,7 +236,7 @@ def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
     inside, outside = (Solid(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
     assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
     with monkeypatch.context() as patch:
-        patch.setattr(Shape, "overlaps", lambda self, other: True)
+        patch.setattr(FclPolytope, "overlaps", lambda self, other: True)
         assert all("not confirmed by FCL" in line for line in certify_inside(inside, cone).evidence[1:])
         assert certify_inside(outside, cone).evidence == ()
     monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_: (-0.25, 1.0))

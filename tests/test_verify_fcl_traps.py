@@ -14,7 +14,7 @@ from topo_search.model import Status
 from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Solid, certify_pairs
-from verify.meshes import ConvexMesh, Shape, inner_mesh, outer_mesh
+from verify.meshes import ConvexMesh, FclPolytope, inner_mesh, outer_mesh
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -95,20 +95,20 @@ def test_an_arm_is_a_thousand_of_fcl_s_lengths_long(monkeypatch):
     convex = fcl.Convex
     monkeypatch.setattr(fcl, "Convex", lambda *arguments: given.append(arguments[0]) or convex(*arguments))
     mesh = inner_mesh(ball(np.array([2.0, 0.0, 0.0]), 1.0), 1)
-    Shape(mesh)
+    FclPolytope(mesh)
     assert np.array_equal(given[0], 1e3 * mesh.vertices)
 
 
 def test_what_leaves_the_process_holds_no_fcl_object():
     # They cannot be pickled; each worker process makes its own.
     with pytest.raises(TypeError):
-        pickle.dumps(Shape(inner_mesh(ball(np.zeros(3), 1.0), 1)))
+        pickle.dumps(FclPolytope(inner_mesh(ball(np.zeros(3), 1.0), 1)))
     result = audit(fan())
     assert pickle.loads(pickle.dumps(result)) == result
 
 
 def test_queries_remember_nothing():
-    A, B, C = (Shape(outer_mesh(ball(np.array([x, 0.0, 0.0]), 1.0), 2)) for x in (0.0, 1.0, 9.0))
+    A, B, C = (FclPolytope(outer_mesh(ball(np.array([x, 0.0, 0.0]), 1.0), 2)) for x in (0.0, 1.0, 9.0))
     for _ in range(3):
         assert A.overlaps(B)
         assert not A.overlaps(C)
@@ -122,7 +122,7 @@ def test_coordinates_that_give_nonsense_are_refused(bad):
     vertices = mesh.vertices.copy()
     vertices[3, 1] = bad
     with pytest.raises(ValueError, match="finite and within"):
-        Shape(ConvexMesh(vertices, mesh.triangles))
+        FclPolytope(ConvexMesh(vertices, mesh.triangles))
 
 
 def test_faces_are_packed_with_their_counts(monkeypatch):
@@ -130,7 +130,7 @@ def test_faces_are_packed_with_their_counts(monkeypatch):
     convex = fcl.Convex
     monkeypatch.setattr(fcl, "Convex", lambda *arguments: given.append(arguments) or convex(*arguments))
     mesh = outer_mesh(envelope(0.0, 0.0), 2)
-    Shape(mesh)
+    FclPolytope(mesh)
     ((vertices, count, faces),) = given
     assert count == len(mesh.triangles)
     assert faces.reshape(-1, 4)[:, 0].tolist() == [3] * count

@@ -35,7 +35,7 @@ from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, Clear
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
-from verify.meshes import ConvexMesh, Indices, Shape
+from verify.meshes import ConvexMesh, FclPolytope, Indices
 
 ROTORS = 4
 
@@ -143,13 +143,13 @@ def _fcl_apart(check: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
     if mesh is None:
         return False
-    shape = Shape(mesh)
-    return not any(shape.overlaps(Shape(_translate(part.outer(-n), -x))) for part in overlapping)
+    shape = FclPolytope(mesh)
+    return not any(shape.overlaps(FclPolytope(_translate(part.outer(-n), -x))) for part in overlapping)
 
 
 def _fcl_overlap(check: BesideAirflow, part: Convex, n: Array, x: Array, level: int) -> bool:
     mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=True)
-    return mesh is not None and Shape(mesh).overlaps(Shape(_translate(part.inner(x), -x)))
+    return mesh is not None and FclPolytope(mesh).overlaps(FclPolytope(_translate(part.inner(x), -x)))
 
 
 def _translate(mesh: ConvexMesh, shift: Array) -> ConvexMesh:

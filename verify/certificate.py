@@ -31,7 +31,7 @@ from topo_search.model import Status
 from topo_search.model.audit import Kind
 from verify.bodies import Array, ConeSphere, ConeSpheres, clearances
 from verify.hulls import HullBody, approach
-from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
 """Smaller clearances may stay undecided [l_arm]: FCL's tolerance at its scale."""
@@ -62,7 +62,7 @@ class Certificate:
     """Results of closed form, meshes and FCL with all digits if they disagree, for debugging."""
 
 
-Mesh = tuple[ConvexMesh, Shape]
+Mesh = tuple[ConvexMesh, FclPolytope]
 Proof = Callable[[int], tuple[float, bool] | None]
 """Maps a mesh level to a lower bound and whether FCL agrees with its sign; None if a mesh fails its check."""
 
@@ -123,7 +123,7 @@ class Solid:
         if inside not in self._meshes:
             if self._source is None:
                 mesh = (inner_mesh if inside else outer_mesh)(self.body, COMMON_LEVEL)
-                self._meshes[inside] = mesh, Shape(mesh)
+                self._meshes[inside] = mesh, FclPolytope(mesh)
             else:
                 solid, R, p = self._source
                 mesh, shape = solid._common_mesh(inside=inside)
@@ -135,7 +135,7 @@ class Solid:
         if level == 0:
             return self.inner if inside else self.outer
         mesh = facing_mesh(self.body, x, n, TURNED_LEVELS[level - 1], inside=inside)
-        return None if mesh is None else (mesh, Shape(mesh))
+        return None if mesh is None else (mesh, FclPolytope(mesh))
 
     @functools.cached_property
     def in_range(self) -> bool:

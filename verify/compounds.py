@@ -50,7 +50,7 @@ from verify.bodies import Array, norms
 from verify.certificate import BOUND_ROUNDING, FLOOR, Certificate, judge
 from verify.convex import Convex, Polyhedron
 from verify.gjk import ITERATION, Cores, Flags, cores, nearest
-from verify.meshes import LARGEST_COORDINATE, Indices, Shape
+from verify.meshes import LARGEST_COORDINATE, FclPolytope, Indices
 
 
 class ProximitySettings(NamedTuple):
@@ -412,7 +412,7 @@ def _fcl_apart(A: Compound, B: Compound, proximity: Proximity, level: int) -> bo
             is_nearest = (i, j) == (proximity.a, proximity.b)
             x = (proximity.x_A + proximity.x_B) / 2 if is_nearest else (part_A.centre + part_B.centre) / 2
             shifted_A, shifted_B = (part.place(np.eye(3), -x) for part in (part_A, part_B))
-            if Shape(shifted_A.outer(n)).overlaps(Shape(shifted_B.outer(-n))):
+            if FclPolytope(shifted_A.outer(n)).overlaps(FclPolytope(shifted_B.outer(-n))):
                 return False
     return True
 
@@ -421,7 +421,7 @@ def _fcl_overlap(part_A: Convex, part_B: Convex, x: Array, level: int) -> bool:
     """Return whether FCL finds meshes inside the deepest parts overlapping around x; False at level 0."""
     if level == 0:
         return False
-    inner_A, inner_B = (Shape(part.place(np.eye(3), -x).inner(np.zeros(3))) for part in (part_A, part_B))
+    inner_A, inner_B = (FclPolytope(part.place(np.eye(3), -x).inner(np.zeros(3))) for part in (part_A, part_B))
     return inner_A.overlaps(inner_B)
 
 

@@ -46,7 +46,7 @@ from verify.bodies import AllowedCone, Array, ConeSphere, basis_across, cone_cle
 from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
-from verify.meshes import LARGEST_COORDINATE, MESH_ROUNDING, Shape, box_below
+from verify.meshes import LARGEST_COORDINATE, MESH_ROUNDING, FclPolytope, box_below
 
 
 class ConeMeshes(NamedTuple):
@@ -110,17 +110,17 @@ def keeps_off(solid: Solid, cone: AllowedCone, eta: float) -> bool:
     if solid.outer is not None and not solid.outer[1].overlaps(outside.place(np.eye(3), x)):
         return True
     mesh = facing_mesh(solid.body, x, -m, COMMON_LEVEL, inside=False)
-    return mesh is not None and not Shape(mesh).overlaps(outside)
+    return mesh is not None and not FclPolytope(mesh).overlaps(outside)
 
 
 def reaches_beyond(body: ConeSphere, cone: AllowedCone, eta: float) -> bool:
     """True if FCL finds an inner mesh overlapping the outside of the half-space nearest to an end ball."""
     m, x, outside = _outside_at_ball(body, cone, eta)
     mesh = facing_mesh(body, x, -m, COMMON_LEVEL, inside=True)
-    return mesh is not None and Shape(mesh).overlaps(outside)
+    return mesh is not None and FclPolytope(mesh).overlaps(outside)
 
 
-def _outside_at_ball(body: ConeSphere, cone: AllowedCone, eta: float) -> tuple[Array, Array, Shape]:
+def _outside_at_ball(body: ConeSphere, cone: AllowedCone, eta: float) -> tuple[Array, Array, FclPolytope]:
     """Return the normal of the half-space nearest to an end ball, the ball's point nearest to it, and its outside.
 
     No point of the body is farther from that point than twice its extent.
@@ -131,13 +131,13 @@ def _outside_at_ball(body: ConeSphere, cone: AllowedCone, eta: float) -> tuple[A
     return m, x, _outside_box(cone, x, m, 4 * body.extent)
 
 
-def _outside_box(cone: AllowedCone, x: Array, m: Array, size: float) -> Shape:
+def _outside_box(cone: AllowedCone, x: Array, m: Array, size: float) -> FclPolytope:
     """Return a box that fills the outside of the supporting half-space with normal m, with its origin at x.
 
     It is large enough that no body of the given size at x reaches past it.
     """
     height = float(m @ (x - cone.apex))
-    return Shape(box_below(-height * m, m, size + abs(height)))
+    return FclPolytope(box_below(-height * m, m, size + abs(height)))
 
 
 def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:
@@ -178,7 +178,7 @@ def certify_parts_inside(module: Compound, cone: AllowedCone) -> Certificate:
         """True if FCL finds a polytope inside, or around, a part overlapping the outside nearest to x."""
         m, shifted = cone.inward_normal(x), part.place(np.eye(3), -x)
         mesh = shifted.inner(np.zeros(3)) if inside else shifted.outer(-m)
-        return Shape(mesh).overlaps(_outside_box(cone, x, m, 8 * part.radius))
+        return FclPolytope(mesh).overlaps(_outside_box(cone, x, m, 8 * part.radius))
 
     def proof(level: int) -> tuple[float, bool]:
         """Return the smallest s over vertices, and whether FCL agrees: all parts inside, or the worst outside."""

@@ -29,7 +29,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis, norms
-from verify.meshes import MESH_ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
+from verify.meshes import MESH_ROUNDING, ConvexMesh, FclPolytope, Indices, box_corners, inner_mesh, outer_mesh
 
 
 class SolidMeshes(NamedTuple):
@@ -103,10 +103,10 @@ class Convex(ABC):
         return along[None] / np.linalg.norm(along) if along.any() else np.zeros((0, 3))
 
     @functools.cached_property
-    def shape(self) -> Shape:
+    def shape(self) -> FclPolytope:
         """FCL shape of a polytope around the solid, built once for all copies."""
         if self.source is None:
-            return Shape(self.outer(self.axis))
+            return FclPolytope(self.outer(self.axis))
         solid, R, p = self.source
         return solid.shape.place(R, p)
 

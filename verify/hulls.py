@@ -24,7 +24,7 @@ import numpy as np
 
 from verify.bodies import Array, ConeSphere, clearances
 from verify.gjk import least_weights
-from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Indices, Shape
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +69,10 @@ class HullBody:
         """True if coordinates are precise enough for a proof."""
         return bool(np.all(np.abs(self.mesh.vertices) < LARGEST_COORDINATE / 16))
 
-    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, Shape]:
+    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, FclPolytope]:
         """Return the region itself with its origin at x, at every level; the mesh is exact."""
         mesh = ConvexMesh(self.mesh.vertices - x, self.mesh.triangles)
-        return mesh, Shape(mesh)
+        return mesh, FclPolytope(mesh)
 
     def move(self, shift: Array) -> HullBody:
         """Return a copy translated by `shift`, shape (3,)."""

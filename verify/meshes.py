@@ -13,7 +13,7 @@ belongs to the end that reaches farther along its normal, and a trapezoid bridge
 end and a face of the other. In any orientation, inner and outer lie within r_max (1/c - 1) of K. Turned towards n,
 both have exactly K's support along n, a local refinement where two bodies nearly touch, without a finer mesh.
 
-The overlap test is the only query that python-fcl answers reliably. Facts about version 0.7 that shape `Shape`:
+The overlap test is the only query that python-fcl answers reliably. Facts about its version 0.7, for `FclPolytope`:
 
 - `collide` of two `Convex` with the default solver is right where `distance` and the `Halfspace`, `Plane` and BVH
   paths are wrong, miss nested bodies, or crash the process; nothing else is called here.
@@ -211,7 +211,7 @@ LARGEST_COORDINATE = 1e6
 """Larger coordinates [l_arm] are too imprecise for FCL's tolerances."""
 
 
-class Shape:
+class FclPolytope:
     """The FCL object of a convex polytope, in arm lengths."""
 
     def __init__(self, mesh: ConvexMesh) -> None:
@@ -227,12 +227,12 @@ class Shape:
         self._R, self._p = R, p
         self._object = fcl.CollisionObject(self._convex, fcl.Transform(R, SCALE * p))
 
-    def place(self, R: Array, p: Array) -> Shape:
+    def place(self, R: Array, p: Array) -> FclPolytope:
         """Return a copy rotated by R, shape (3, 3), then translated by p, shape (3,), that shares the FCL mesh."""
         shape = copy.copy(self)
         shape._place(R @ self._R, R @ self._p + p)
         return shape
 
-    def overlaps(self, other: Shape) -> bool:
+    def overlaps(self, other: FclPolytope) -> bool:
         """True if FCL finds a common point of the two solids."""
         return bool(fcl.collide(self._object, other._object, fcl.CollisionRequest(), fcl.CollisionResult()))

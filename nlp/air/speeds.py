@@ -12,7 +12,6 @@ from nlp.air.limits import TARGET_SHARE, region_of
 from nlp.numbers.kinematics import Indices
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.shape import Capsule
 
 
 class Speeds(NamedTuple):
@@ -54,9 +53,10 @@ def speeds_of(task: ResolvedTask) -> Speeds | None:
         if exposure.speed is None:
             continue
         for shape in exposure.shapes:
-            length = shape.length / l_arm if isinstance(shape, Capsule) and shape.length else -1.0
-            along.append(length if shape.takes_direction_from_com else 0.0)  # the axis follows the platform
-            regions.append(region_of(shape.at(np.zeros(3)), l_arm, exposure.speed_reach))
+            region = region_of(shape.at(np.array([0.0, 0.0, 1.0])), l_arm, exposure.speed_reach)
+            regions.append(region)
+            # the axis follows the platform
+            along.append(float(region.axis[2]) if shape.takes_direction_from_com else 0.0)
             over.append(1 / exposure.speed)
     if not regions:
         return None

@@ -35,7 +35,6 @@ from nlp.bounds.refutation import (
 )
 from topo_search.model import ResolvedTask
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
-from topo_search.model.shape import Capsule, Cone, Shape
 
 
 def refute_airspeed(task: ResolvedTask) -> Refutation | None:
@@ -51,7 +50,7 @@ def refute_airspeed(task: ResolvedTask) -> Refutation | None:
     for e, region in enumerate(task.exposure):
         if region.speed is None:
             continue
-        distance = rotor_distance + min(map(_distance_to_region, region.shapes))
+        distance = rotor_distance + min(shape.distance for shape in region.shapes)
         airspeed = induced / (1 + math.sqrt(2) * distance / R) ** 2
         if airspeed > region.speed:
             airspeed_text, limit_text = excess_texts(airspeed, region.speed)
@@ -77,14 +76,3 @@ def _farthest_rotor(task: ResolvedTask) -> float | None:
         q = mass_ratio * (math.hypot(*position) + TOLERANCE * module.arm_length) + centre_offset(task)
         distances.append(q + (n - 1) * module.connector_distance)
     return min(distances) + module.arm_length * (1 + TOLERANCE) if distances else None
-
-
-def _distance_to_region(shape: Shape) -> float:
-    """Return the distance from the end-effector to some point of a region, not necessarily the nearest [m]."""
-    match shape:
-        case Capsule(start=start):
-            return math.hypot(*start)
-        case Cone(apex=apex):
-            return math.hypot(*apex)
-        case _:
-            return min(math.hypot(*vertex) for vertex in shape.corners)

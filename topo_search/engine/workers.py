@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
-from topo_search.model.shape import Polytope
 from topo_search.supervisor import call_pickled, interrupt, prepare_child
 
 if TYPE_CHECKING:
@@ -140,7 +139,7 @@ class Job:
     def deadline(self) -> float:
         """Time after which the job counts as hung [s]."""
         shapes = (shape for exposure in self.task.exposure for shape in exposure.shapes)
-        corners = sum(len(shape.corners) for shape in shapes if isinstance(shape, Polytope))
+        corners = sum(len(shape.corners) for shape in shapes)
         return solve_deadline(self.topology.n, len(self.near) + len(self.starts), corners)
 
 

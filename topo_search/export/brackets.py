@@ -26,10 +26,11 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import RodPose, rod_of, rotation_to
+from topo_search.export.poses import RodPose, rod_of
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
+from topo_search.model.mesh import rotation_to
 from topo_search.model.module import Bracket, Module
 from topo_search.model.value import BadInput, Fault
 from verify.kinematics import platform, rotation

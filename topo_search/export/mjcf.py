@@ -25,13 +25,11 @@ Solid regions of a task are bodies of the world: walls, panes, objects that the 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | p_E | end-effector in the pose of the keyframes, the origin of the regions | (3,) | m |
-| a, theta | axis and half-angle of a cone whose outside is solid | (3,), | -, rad |
 | n_k | inward normal of a half-space that touches the cone along a generator | (3,) | - |
 
 Balls, capsules and hulls are exported exactly. A half-space is a plane of MuJoCo, which is solid below its surface.
-The outside of a cone is the union of SIDES such planes, n_k = sin(theta) a - cos(theta) e_k with unit vectors e_k
-perpendicular to a; that cone is wider than the task's by up to 1 / cos(pi / SIDES) - 1 = 0.2 % of its radius. Rod
-and tip do not collide with a region that contains p_E.
+The outside of a cone is the union of 48 such planes (`Cone.half_spaces`); that cone is wider than the task's by up
+to 1 / cos(pi / 48) - 1 = 0.2 % of its radius. Rod and tip do not collide with a region that contains p_E.
 """
 
 from __future__ import annotations
@@ -42,15 +40,13 @@ from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
-import numpy as np
-
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, RodPose, hull, mass_of, rod_of, rotation_to
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.export.poses import ROTOR_ANGLES, RodPose, mass_of, rod_of
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of
 from topo_search.model.module import TIP, Module
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from topo_search.model.shape import Shape
 from verify.contacts import tip_distances
 from verify.kinematics import Platform, platform
 
@@ -144,10 +140,6 @@ def xml_text(root: ElementTree.Element) -> str:
     return text.decode() + "\n"
 
 
-SIDES = 48
-"""Number of planes that approximate the outside of a cone."""
-
-
 def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, poses: Platform) -> bool:
     """Add every solid region as a body `exposure_K`, or `exposure_K_P` where it has several parts.
 
@@ -177,36 +169,22 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
 
 def _add_shape(body: Element, asset: Element, name: str, shape: Shape) -> None:
     """Add the geometry of a shape, in metres from p_E."""
-    style = {"rgba": rgba(palette.EXPOSURE, 0.3)}
-    match shape:
-        case Capsule() if shape.start == shape.end:
-            geom = {"type": "sphere", "pos": numbers(*shape.start), "size": numbers(shape.radius)}
-        case Capsule():
-            geom = {"type": "capsule", "fromto": numbers(*shape.start, *shape.end), "size": numbers(shape.radius)}
-        case Polytope():
-            SubElement(asset, "mesh", name=name, vertex=numbers(*hull(shape).corners.ravel()))
-            geom = {"type": "mesh", "mesh": name}
-        case Cone():
-            # drawn 2 m wide
-            plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(1, 1, 1), **style}
-            inward = _inward_normals(shape)
-            for k, n_k in enumerate(inward):
-                numbered_side = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
-                side = numbered_side if len(inward) > 1 else {"name": name, "zaxis": numbers(*n_k)}
-                SubElement(body, "geom", {**side, **plane})
-            return
+    style, half_spaces = {"rgba": rgba(palette.EXPOSURE, 0.3)}, shape.half_spaces()
+    for k, (point, n_k) in enumerate(half_spaces):
+        side = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
+        only_side = {"name": name, "zaxis": numbers(*n_k)}
+        # drawn 2 m wide
+        plane = {"type": "plane", "pos": numbers(*point), "size": numbers(1, 1, 1), **style}
+        SubElement(body, "geom", {**(side if len(half_spaces) > 1 else only_side), **plane})
+    if half_spaces:
+        return
+    if shape.primitive is None:
+        SubElement(asset, "mesh", name=name, vertex=numbers(*shape.mesh(math.inf).vertices.ravel()))
+        geom = {"type": "mesh", "mesh": name}
+    else:
+        kind, sizes = shape.primitive
+        geom = {"type": kind, **{size: numbers(*values) for size, values in sizes.items()}}
     SubElement(body, "geom", {"name": name, **geom, **style})
-
-
-def _inward_normals(cone: Cone) -> Array:
-    """Return the inward normals n_k of the planes around a cone, (SIDES, 3); of a half-space its normal, (1, 3)."""
-    a, theta = np.array(cone.axis), math.radians(cone.half_angle_deg)
-    if cone.half_angle_deg == 90.0:
-        return a[None]
-    angles = 2 * math.pi * np.arange(SIDES) / SIDES
-    s, t, _ = rotation_to(a).T
-    e = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
-    return np.asarray(math.sin(theta) * a - math.cos(theta) * e)
 
 
 SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}

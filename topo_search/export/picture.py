@@ -32,8 +32,8 @@ from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
+from topo_search.model.mesh import circle, cone_sphere_outline
 from topo_search.model.proven import gap_percent
-from topo_search.model.shape import Capsule, Cone, Polytope
 from verify.kinematics import Platform
 
 
@@ -142,7 +142,7 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
         for k in sorted({k for k, *_ in wrenches(design, geometry.poses_to_draw(design))})
     ]
     regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
-    kinds = {geometry.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    kinds = {shape.words: 0.12 if shape.contains_airflow else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
@@ -210,12 +210,12 @@ class Drawing:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                geometry.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.poses.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [geometry.circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
+        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -224,22 +224,15 @@ class Drawing:
 
     def exposure(self) -> None:
         """Draw every exposure region; for a cone, the surface that must contain all airflow."""
-        apex, up = self.poses.end_effector, np.array([0.0, 0.0, 1.0])
+        tip, extent = self.poses.end_effector, geometry.cone_slant(self.design, self.poses)
         for _, shape in geometry.shapes(self.design.task, self.poses.p_e):
-            match shape:
-                case Capsule(radius=r):
-                    start, end = apex + shape.start, apex + shape.end
-                    self._volumes([geometry.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([geometry.circle(end, r, up)], palette.EXPOSURE, 0.8)
-                case Polytope():
-                    corners, triangles, _, edges = geometry.hull(shape)
-                    self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
-                    self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
-                case Cone():
-                    surface = apex + geometry.cone(shape, geometry.cone_slant(self.design, self.poses))
-                    self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
-                    self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
-                    self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
+            faces = [tip + face for face in shape.faces(self.v, extent)]
+            layers = min(len(faces), 2)  # the front and the back of a surface are seen, but an outline once
+            opacity = 0.12 if shape.contains_airflow else 0.3 / layers
+            self._volumes(faces, palette.EXPOSURE, opacity, edge=0.0 if layers > 1 else 0.7)
+            for lines, width in ((shape.edges(extent), 0.8), (shape.generators(extent), 0.5)):
+                if len(lines):
+                    self._lines([tip + line for line in lines], palette.EXPOSURE, width)
 
     def platform(self) -> None:
         """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
@@ -248,7 +241,7 @@ class Drawing:
             joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
         frame, rotors = solids.frame(module), solids.join(solids.rotor_discs(module, sides=12))
-        triangles = np.concatenate([mesh.vertices[mesh.faces] for mesh in (frame, rotors)])
+        triangles = np.concatenate([frame.triangles, rotors.triangles])
         faces = np.concatenate([triangles @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)])
         tints = [to_rgb(palette.MODULE)] * len(frame.faces) + [to_rgb(palette.ROTOR)] * len(rotors.faces)
         self._solid(faces, np.tile(tints, (len(poses.p), 1)))
@@ -270,7 +263,7 @@ class Drawing:
             self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **style)
             self._extend_limits([point + arrow])
             if is_torque:
-                ring = geometry.circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
+                ring = circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:

@@ -1,4 +1,4 @@
-"""Geometry shared by pictures, pages and exported files: wrenches, rod, exposure regions, viewpoint, outlines.
+"""Geometry shared by pictures, pages and exported files: wrenches, rod, exposure regions, viewpoint.
 
 Poses come from the audit's kinematics.
 
@@ -9,14 +9,7 @@ Poses come from the audit's kinematics.
 | m, v | mass of the rod, which solver and audit may ignore; unit vector along the rod | , (3,) | kg, - |
 
 Shapes of exposure requirements are in metres from the end-effector; a direction that depends on the design is
-resolved. Outlines are orthographic.
-
-| symbol | meaning | shape | unit |
-|---|---|---|---|
-| P_0, P_1, r_0, r_1 | centres and radii of two balls, whose hull is a cone-sphere | (3,) | m |
-| v | unit vector towards the viewer | (3,) | |
-| s, t | axes of the picture plane | (3,) | |
-| d, theta | unit axis and half-angle of a cone with apex A | (3,) | -, rad |
+resolved.
 """
 
 from __future__ import annotations
@@ -29,7 +22,7 @@ import numpy as np
 
 from topo_search.model import BadInput, Design, Fault, ResolvedTask
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
-from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
+from topo_search.model.shape import Shape
 from verify.kinematics import Platform, platform
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
@@ -53,13 +46,6 @@ def load_wrenches(design: Design, poses: Platform) -> Iterator[tuple[int, str, s
 def largest_wrench(design: Design, poses: Platform, kind: str) -> float:
     """Return the largest force [N] or torque [N m] of all load cases."""
     return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, poses) if name == kind)
-
-
-def rotation_to(a: Array) -> Array:
-    """Return a rotation from the z axis to a unit vector, (3, 3)."""
-    s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
-    s /= np.linalg.norm(s)
-    return np.stack([s, np.cross(a, s), a], axis=1)
 
 
 @dataclass(frozen=True)
@@ -137,45 +123,6 @@ def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
             yield number, shape.at(p_E)
 
 
-def region_words(shape: Shape) -> str:
-    """Return the legend entry of an exposure region."""
-    if not isinstance(shape, Cone):
-        return "keep-out region for airflow"
-    return f"{'cone' if shape.half_angle_deg < 90 else 'half-space'} that must contain all airflow"
-
-
-def hull(shape: Polytope) -> Hull:
-    """Return the hull of a polytope's corners."""
-    return convex_hull(np.array(shape.corners))
-
-
-def cone(shape: Cone, slant: float, *, sides: int = 48) -> Array:
-    """Return the triangles of a cone's surface out to a slant height, (sides, 3, 3); a disc for a half-space."""
-    theta, apex, d = math.radians(shape.half_angle_deg), np.array(shape.apex), np.array(shape.axis)
-    rim = circle(apex + slant * math.cos(theta) * d, slant * math.sin(theta), d, points=sides)
-    return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
-
-
 def cone_slant(design: Design, poses: Platform) -> float:
     """Return the slant height at which pictures cut a cone off; it encloses most of the airflow [m]."""
     return float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
-
-
-def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array, *, points: int = 96) -> Array:
-    """Return the outline of a cone-sphere, capsule or ball as a closed polygon, (points, 3) [m].
-
-    Seen along v, the volume is the hull of two discs; its point with normal u lies on the disc that extends
-    further along u.
-    """
-    s, t, _ = -rotation_to(v).T  # the sign fixes the order of the points
-    angles = np.linspace(0, 2 * math.pi, points, endpoint=False)
-    u = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
-    second = (u @ P_1 + r_1 > u @ P_0 + r_0)[:, None]
-    return np.asarray(np.where(second, P_1 + r_1 * u, P_0 + r_0 * u))
-
-
-def circle(centre: Array, radius: float, axis: Array, *, points: int = 48) -> Array:
-    """Return a closed circle about an axis (a unit vector), (points + 1, 3) [m]."""
-    s, t, _ = -rotation_to(axis).T
-    angles = np.linspace(0, 2 * math.pi, points + 1)
-    return np.asarray(centre + radius * (np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)))

@@ -3,14 +3,6 @@
 GLB holds a scene: a node for the frame, the rotors and the airflow envelope of every module, for each exposure
 region, for the end-effector and for the centre of mass. It is in metres with y up, as glTF requires. STL holds one
 surface with z up, in millimetres, which programs that read STL assume.
-
-| symbol | meaning | shape | unit |
-|---|---|---|---|
-| P_0, P_1, r_0, r_1 | centres and radii of two balls; their hull is a cone-sphere | (3,), (3,), , | m |
-| L, a | length of its axis, and the axis from P_0 to P_1 | , (3,) | m, - |
-| theta_t | angle between a and the normals of the conical part: cos(theta_t) = -(r_1 - r_0) / L | | rad |
-
-Vertices lie on the true surface, so the mesh of a round volume lies inside it, by less than 0.3 % of its radius.
 """
 
 from __future__ import annotations
@@ -19,16 +11,16 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, cone, cone_slant, hull, rod_of, rotation_to, shapes
+from topo_search.export.poses import ROTOR_ANGLES, cone_slant, rod_of, shapes
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.design import Design
+from topo_search.model.mesh import SIDES, Mesh, cone_sphere, revolve
 from topo_search.model.module import Module
-from topo_search.model.shape import Capsule, Cone, Indices, Polytope, Shape
 from verify.kinematics import Platform, platform, rotation
 
 if TYPE_CHECKING:
@@ -36,22 +28,6 @@ if TYPE_CHECKING:
 
 Parts = Literal["all", "platform", "airflow"]
 """Solids to write; `all` is platform, airflow, exposure regions, and marks of end-effector and centre of mass."""
-
-SIDES = 48
-"""Sides of a circle: its sagitta is 0.21 % of the radius."""
-
-
-class Mesh(NamedTuple):
-    """A surface of triangles."""
-
-    vertices: Array
-    """(v, 3) [m]."""
-    faces: Indices
-    """Vertices of the triangles, counter-clockwise seen from outside, (f, 3)."""
-
-    def move(self, R: Array, p: Array) -> Mesh:
-        """Return the mesh turned by R, (3, 3), then shifted by p, (3,)."""
-        return Mesh(self.vertices @ R.T + p, self.faces)
 
 
 @dataclass(frozen=True)
@@ -123,8 +99,8 @@ def _solids(design: Design, parts: Parts) -> Iterator[MeshCopies]:
 def _region(design: Design, number: int, poses: Platform) -> MeshCopies:
     """Return the region of one exposure requirement; for a cone, the surface that must contain all airflow."""
     pieces = [shape for k, shape in shapes(design.task, poses.p_e) if k == number]
-    surface = join([region_mesh(shape, cone_slant(design, poses)) for shape in pieces])
-    opacity = 0.15 if isinstance(pieces[0], Cone) else 0.3
+    surface = join([shape.mesh(cone_slant(design, poses)) for shape in pieces])
+    opacity = 0.15 if pieces[0].contains_airflow else 0.3
     tip = pose_matrix(np.eye(3), poses.end_effector)
     return MeshCopies(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
 
@@ -175,31 +151,6 @@ def airflow(module: Module, *, sides: int = SIDES) -> Mesh:
     return cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides)
 
 
-def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Mesh:
-    """Return the hull of two balls: a capsule if the radii are equal, a ball if one ball contains the other."""
-    a = P_1 - P_0
-    L = float(np.linalg.norm(a))
-    theta_t = math.acos(max(-1.0, min(1.0, (r_0 - r_1) / L))) if L else math.pi
-    profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
-    profile[[0, -1], 0] = 0.0  # the poles lie on the axis
-    apart = np.linalg.norm(np.diff(profile, axis=0), axis=1) > 1e-8 * max(r_0, r_1)
-    profile = profile[np.append(True, apart)]  # no slivers where the arcs meet
-    return revolve(profile[::-1], sides).move(rotation_to(a / L) if L else np.eye(3), P_0)
-
-
-def revolve(profile: Array, sides: int) -> Mesh:
-    """Return the surface of a profile turned about z; rows (distance from the axis, height), at both ends on it."""
-    angles, m = np.linspace(0.0, 2 * math.pi, sides, endpoint=False), len(profile)
-    across = np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, None] * profile[:, :1]
-    points = np.concatenate([across, np.broadcast_to(profile[:, 1:], (sides, m, 1))], axis=-1)
-    here = np.arange(m) + (m - 2) * np.arange(sides)[:, None] + 1  # the ends are vertices of the first turn only
-    here[0], here[:, 0], here[:, -1] = np.arange(m), 0, m - 1
-    after = np.roll(here, -1, axis=0)
-    quads = [here[:, :-1], after[:, :-1], here[:, 1:], here[:, 1:], after[:, :-1], after[:, 1:]]
-    faces = np.stack(quads, axis=-1).reshape(sides, -1, 3)[:, 1:-1]  # at the ends a quad is one triangle
-    return Mesh(np.concatenate([points[0], points[1:, 1:-1].reshape(-1, 3)]), faces.reshape(-1, 3))
-
-
 def cylinder(radius: float, height: float, sides: int) -> Mesh:
     """Return a cylinder about z, with its middle at the origin."""
     top = height / 2
@@ -225,23 +176,3 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
     vertices, faces = zip(*meshes, strict=True)
     first = np.cumsum([0, *map(len, vertices)])
     return Mesh(np.concatenate(vertices), np.concatenate([f + k for f, k in zip(faces, first, strict=False)]))
-
-
-def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:
-    steps = max(2, math.ceil((end - start) / (2 * math.pi / sides)) + 1)
-    theta = np.linspace(start, end, steps) if r and end > start else np.empty(0)
-    return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
-
-
-def region_mesh(shape: Shape, slant: float) -> Mesh:
-    """Return the surface of a shape; a cone is cut off at a slant height."""
-    match shape:
-        case Capsule():
-            return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)
-        case Polytope():
-            convex_hull = hull(shape)
-            return Mesh(convex_hull.corners, convex_hull.triangles)
-        case Cone():
-            apex, *rims = cone(shape, slant).transpose(1, 0, 2)
-            k = np.arange(len(apex)) + 1
-            return Mesh(np.concatenate([apex[:1], rims[0]]), np.stack([0 * k, k, np.roll(k, -1)], axis=1))

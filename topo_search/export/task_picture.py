@@ -3,8 +3,6 @@
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | v | unit vector along the line of sight | (3,) | |
-| d, theta | axis of a cone from the end-effector, half-angle | (3,), | -, rad |
-| phi | half-angle of the projected cone: sin(phi) = sin(theta) / sin(angle between d and v) | | rad |
 
 Three views along the axes of the task frame W, in metres from the end-effector. Directions that depend on the
 design, towards or away from its centre of mass, are drawn as if the centre of mass were straight below.
@@ -12,7 +10,6 @@ design, towards or away from its centre of mass, are drawn as if the centre of m
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import matplotlib as mpl
@@ -22,13 +19,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
-from scipy.spatial import ConvexHull
 
 from topo_search.export import palette
-from topo_search.export.poses import circle, cone_sphere_outline, hull, region_words, shapes
+from topo_search.export.poses import shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
-from topo_search.model.shape import Capsule, Cone, Polytope
+from topo_search.model.mesh import circle, cone_sphere_outline
 
 VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above"))
 """Axes of W that point right and up in each view, and the view's name."""
@@ -41,9 +37,7 @@ def task_figure(task: ResolvedTask) -> Figure:
     with mpl.rc_context({"font.size": 8}):
         figure = Figure(figsize=(10.5, 4.4), layout="constrained")
         # the views enclose all bounded regions and most of a module's airflow [m]
-        regions = (shape for _, shape in shapes(task, _end_effector(task)))
-        reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in regions]
-        size = max([0.6 * task.module.reach, *reaches])
+        size = max([0.6 * task.module.reach, *(shape.reach for _, shape in shapes(task, _end_effector(task)))])
         for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
             _draw(axes, task, (right, up), size)
             axes.set_title(name, fontsize=9)
@@ -59,8 +53,8 @@ def task_figure(task: ResolvedTask) -> Figure:
 def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) -> None:
     """Draw one view of everything within `size` metres of the end-effector."""
     right, up = view
-    for is_cone, outline in _regions(task, view, size):
-        axes.add_patch(Polygon(outline, **_region_style(is_cone)))
+    for _, shape in shapes(task, _end_effector(task)):
+        axes.add_patch(Polygon(shape.outline(view, 4 * size), **_region_style(shape.contains_airflow)))
     # the module to scale has the same position in all views
     module, envelope = size * np.array([-0.75, -0.75, 0.0]), task.module.envelope
     far = module - envelope.length * UP
@@ -99,38 +93,9 @@ def _colour(k: int) -> str:
     return palette.SERIES[k % len(palette.SERIES)]
 
 
-def _region_style(is_cone: bool) -> dict[str, Any]:
-    opacity, line = (0.1, "dashed") if is_cone else (0.4, "solid")
+def _region_style(contains_airflow: bool) -> dict[str, Any]:
+    opacity, line = (0.1, "dashed") if contains_airflow else (0.4, "solid")
     return {"facecolor": (palette.EXPOSURE, opacity), "edgecolor": palette.EXPOSURE, "linestyle": line}
-
-
-def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tuple[bool, Array]]:
-    """Return whether each exposure region is a cone, and its outline in the view, (points, 2) [m]."""
-    outlined, axes = list[tuple[bool, Array]](), list(view)
-    for _, shape in shapes(task, _end_effector(task)):
-        match shape:
-            case Cone():
-                d, apex = np.array(shape.axis), np.array(shape.apex)[axes]
-                outlined.append((True, apex + _wedge(d, math.radians(shape.half_angle_deg), view, 4 * size)))
-            case Polytope():
-                corners = hull(shape).corners[:, view]
-                outlined.append((False, corners[ConvexHull(corners).vertices]))
-            case Capsule(radius=r):
-                endpoints = np.array(shape.start), np.array(shape.end)
-                outline = cone_sphere_outline(endpoints[0], r, endpoints[1], r, _towards_viewer(view))
-                outlined.append((False, outline[:, view]))
-    return outlined
-
-
-def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
-    """Return the outline of a cone in a view, cut off at a distance; a disc if one looks into the cone."""
-    in_view = d[list(view)]
-    ratio = math.sin(theta) / max(math.hypot(*in_view), 1e-12)
-    phi = math.asin(min(ratio, 1.0)) if ratio < 1 + 1e-9 else math.pi
-    middle = math.atan2(in_view[1], in_view[0])
-    angles = np.linspace(middle - phi, middle + phi, 49)
-    arc = far * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return np.asarray(arc if phi == math.pi else np.vstack([np.zeros(2), arc]))
 
 
 def _end_effector(task: ResolvedTask) -> Array:
@@ -154,8 +119,8 @@ def _legend(task: ResolvedTask) -> list[Artist]:
         Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
     regions = [shape for exposure in task.exposure for shape in exposure.shapes]
-    kinds = {region_words(shape): isinstance(shape, Cone) for shape in regions}
-    entries += [Patch(**_region_style(is_cone), label=words) for words, is_cone in sorted(kinds.items())]
+    kinds = {shape.words: shape.contains_airflow for shape in regions}
+    entries += [Patch(**_region_style(inside), label=words) for words, inside in sorted(kinds.items())]
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
             label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"

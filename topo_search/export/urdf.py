@@ -24,9 +24,10 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.mjcf import SPIN, numbers, rgba, xml_text
-from topo_search.export.poses import ROTOR_ANGLES, mass_of, rod_of, rotation_to
+from topo_search.export.poses import ROTOR_ANGLES, mass_of, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
+from topo_search.model.mesh import rotation_to
 from topo_search.model.module import Module
 from verify.kinematics import platform, rotation
 

@@ -22,7 +22,7 @@ from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.shape import convex_hull, has_volume, outer_hull
+from topo_search.model.shape import convex_hull, has_volume, quickhull
 from topo_search.model.text import read_regular
 from topo_search.model.value import (
     Broken,
@@ -41,6 +41,8 @@ Result = TypeVar("Result")
 
 LARGEST_COORDINATE = 1e15
 """Largest absolute value of a coordinate [m]."""
+SLACK = 1e-9
+"""Offset of the planes of an outer hull, relative to its size; exceeds rounding errors of corners."""
 HEADER = 84
 """Size of a binary STL's header [bytes]."""
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -395,3 +397,78 @@ def frame_of(mesh: Surface) -> tuple[list[dict[str, Any]], float]:
     return [{"vertices": hull.corners.tolist(), "triangles": hull.triangles.tolist()} for hull in hulls], max(
         excess
     )
+
+
+def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
+    """Return the corners of a convex polytope that contains points, and its excess over their hull.
+
+    The polytope is the hull if that has few enough corners. Otherwise a box is cut by supporting planes of the
+    hull, one after the other at the corner farthest from the hull. All planes are moved outwards by more than
+    rounding.
+
+    Args:
+        points: points that span a volume, shape (m, 3).
+        most_corners: largest number of corners, at least eight.
+
+    Returns:
+        Corners, shape (k, 3), and the largest distance of a corner from the hull.
+
+    Raises:
+        ValueError: the points are flat or nearly so, or too far from the origin for their size.
+    """
+    qhull = quickhull(points)
+    hull = points[np.unique(qhull.simplices)]
+    if len(hull) <= most_corners:
+        return hull, 0.0
+    from scipy.spatial import HalfspaceIntersection, QhullError
+
+    middle = hull.mean(axis=0)
+    size = float(np.abs(hull - middle).max())
+    scaled = (hull - middle) / size
+    slack = SLACK + 8 * np.finfo(float).eps * float(np.abs(middle).max()) / size
+    axes = np.linalg.svd(scaled, full_matrices=False)[2]
+    normals, corners, excess = [*axes, *-axes], np.zeros((0, 3)), 0.0
+    gaps: dict[tuple[float, ...], Array] = {}
+    while True:
+        offsets = (np.array(normals) @ scaled.T).max(axis=1) + slack
+        try:
+            cut = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
+        except QhullError:
+            raise ValueError("must be thicker for its size, to be simplified") from None
+        _, first = np.unique(cut.round(9) + 0.0, axis=0, return_index=True)
+        if len(first) > most_corners:
+            break
+        corners = cut[first]
+        for key, corner in zip(map(tuple, corners.round(9).tolist()), corners, strict=True):
+            if key not in gaps:
+                gaps[key] = corner - _nearest(corner, scaled)
+        beyond = [gaps[key] for key in map(tuple, corners.round(9).tolist())]
+        lengths = np.linalg.norm(beyond, axis=1)
+        excess = float(lengths.max())
+        if excess <= 100 * slack:
+            break
+        normals.append(beyond[int(np.argmax(lengths))] / excess)
+    outer = np.unique(middle + size * corners, axis=0)
+    faces = quickhull(outer).equations
+    if (hull @ faces[:, :3].T + faces[:, 3]).max() > 0:
+        raise ValueError("must be nearer to the origin for its size, to be simplified")
+    return outer, size * (excess + slack)
+
+
+def _nearest(x: Array, corners: Array) -> Array:
+    """Return the point of a hull nearest to a point x outside of it, shape (3,), given its corners, shape (k, 3).
+
+    Active-set method: the corner farthest towards x enters; least distances by Lawson and Hanson, Ch. 23.
+    """
+    from scipy.optimize import nnls
+
+    active = [int(np.argmin(np.linalg.norm(corners - x, axis=1)))]
+    while True:
+        towards = corners[active] - x
+        weights = nnls(np.vstack([towards.T, np.ones(len(active))]), np.array([0.0, 0.0, 0.0, 1.0]))[0]
+        nearest = np.asarray(weights @ corners[active] / weights.sum())
+        ahead = corners @ (x - nearest)
+        farthest = int(np.argmax(ahead))
+        if farthest in active or ahead[farthest] - nearest @ (x - nearest) <= SLACK * np.linalg.norm(x - nearest):
+            return nearest
+        active = [*(corner for corner, weight in zip(active, weights, strict=True) if weight > 0), farthest]

@@ -1,27 +1,25 @@
 """Shapes of exposure requirements, which airflow must stay out of or inside, and convex hulls of points.
 
-Points are in metres from the end-effector p_E, in the axes of the task frame. Solver, symmetries and pictures use
-these shapes; the audit reads the requirements themselves.
+Points are in metres from the end-effector p_E, in the axes of the task frame W. Symmetries, pictures, pages and
+exports ask a shape for its geometry; the solver states it as formulas, and the audit reads the requirements.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.model.arrays import Array
+from topo_search.model.mesh import SIDES, Indices, Mesh, circle, cone_sphere, cone_sphere_outline, rotation_to
 from topo_search.model.value import Vector
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
-
-Indices = NDArray[np.intp]
-
-SLACK = 1e-9
-"""Offset of the planes of an outer hull, relative to its size; exceeds rounding errors of corners."""
 
 
 class Hull(NamedTuple):
@@ -50,7 +48,7 @@ class Hull(NamedTuple):
 
 def convex_hull(points: Array) -> Hull:
     """Return the convex hull of points, shape (m, 3); ValueError if they are flat or nearly so."""
-    qhull = _qhull(points)
+    qhull = quickhull(points)
     vertices, triangles = np.unique(qhull.simplices, return_inverse=True)
     triangles, corners = triangles.reshape(-1, 3), points[vertices]
     normals = qhull.equations[:, :3] / np.linalg.norm(qhull.equations[:, :3], axis=1, keepdims=True)
@@ -66,82 +64,8 @@ def convex_hull(points: Array) -> Hull:
     return Hull(corners, triangles, normals, edges)
 
 
-def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
-    """Return the corners of a convex polytope that contains points, and its excess over their hull.
-
-    The polytope is the hull if that has few enough corners. Otherwise a box is cut by supporting planes of the
-    hull, one after the other at the corner farthest from the hull. All planes are moved outwards by more than
-    rounding.
-
-    Args:
-        points: points that span a volume, shape (m, 3).
-        most_corners: largest number of corners, at least eight.
-
-    Returns:
-        Corners, shape (k, 3), and the largest distance of a corner from the hull.
-
-    Raises:
-        ValueError: the points are flat or nearly so, or too far from the origin for their size.
-    """
-    qhull = _qhull(points)
-    hull = points[np.unique(qhull.simplices)]
-    if len(hull) <= most_corners:
-        return hull, 0.0
-    from scipy.spatial import HalfspaceIntersection, QhullError
-
-    middle = hull.mean(axis=0)
-    size = float(np.abs(hull - middle).max())
-    scaled = (hull - middle) / size
-    slack = SLACK + 8 * np.finfo(float).eps * float(np.abs(middle).max()) / size
-    axes = np.linalg.svd(scaled, full_matrices=False)[2]
-    normals, corners, excess = [*axes, *-axes], np.zeros((0, 3)), 0.0
-    gaps: dict[tuple[float, ...], Array] = {}
-    while True:
-        offsets = (np.array(normals) @ scaled.T).max(axis=1) + slack
-        try:
-            cut = HalfspaceIntersection(np.column_stack([normals, -offsets]), np.zeros(3)).intersections
-        except QhullError:
-            raise ValueError("must be thicker for its size, to be simplified") from None
-        _, first = np.unique(cut.round(9) + 0.0, axis=0, return_index=True)
-        if len(first) > most_corners:
-            break
-        corners = cut[first]
-        for key, corner in zip(map(tuple, corners.round(9).tolist()), corners, strict=True):
-            if key not in gaps:
-                gaps[key] = corner - _nearest(corner, scaled)
-        beyond = [gaps[key] for key in map(tuple, corners.round(9).tolist())]
-        lengths = np.linalg.norm(beyond, axis=1)
-        excess = float(lengths.max())
-        if excess <= 100 * slack:
-            break
-        normals.append(beyond[int(np.argmax(lengths))] / excess)
-    outer = np.unique(middle + size * corners, axis=0)
-    faces = _qhull(outer).equations
-    if (hull @ faces[:, :3].T + faces[:, 3]).max() > 0:
-        raise ValueError("must be nearer to the origin for its size, to be simplified")
-    return outer, size * (excess + slack)
-
-
-def _nearest(x: Array, corners: Array) -> Array:
-    """Return the point of a hull nearest to a point x outside of it, shape (3,), given its corners, shape (k, 3).
-
-    Active-set method: the corner farthest towards x enters; least distances by Lawson and Hanson, Ch. 23.
-    """
-    from scipy.optimize import nnls
-
-    active = [int(np.argmin(np.linalg.norm(corners - x, axis=1)))]
-    while True:
-        towards = corners[active] - x
-        weights = nnls(np.vstack([towards.T, np.ones(len(active))]), np.array([0.0, 0.0, 0.0, 1.0]))[0]
-        nearest = np.asarray(weights @ corners[active] / weights.sum())
-        ahead = corners @ (x - nearest)
-        farthest = int(np.argmax(ahead))
-        if farthest in active or ahead[farthest] - nearest @ (x - nearest) <= SLACK * np.linalg.norm(x - nearest):
-            return nearest
-        active = [*(corner for corner, weight in zip(active, weights, strict=True) if weight > 0), farthest]
-
-
-def _qhull(points: Array) -> ConvexHull:
+def quickhull(points: Array) -> ConvexHull:
+    """Return the convex hull of points, shape (m, 3), by Qhull; ValueError if they are flat."""
     from scipy.spatial import ConvexHull, QhullError  # slow to import, and few tasks need it
 
     try:
@@ -161,7 +85,87 @@ def has_volume(points: Array) -> bool:
 NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 
-class Capsule(NamedTuple):
+class Shape(ABC):
+    """Convex region, by default a bounded one of fixed direction that airflow must stay out of.
+
+    An unbounded shape is cut off at an `extent` [m].
+    """
+
+    corners: tuple[Vector, ...]
+    """Points whose hull it is; none for a round shape."""
+    contains_airflow = False
+    """True if airflow must stay inside."""
+
+    @property
+    def words(self) -> str:
+        """The region in words, for legends."""
+        return "keep-out region for airflow"
+
+    @property
+    def takes_direction_from_com(self) -> bool:
+        """True if its direction is that of p_E."""
+        return False
+
+    def at(self, p_E: Array) -> Shape:
+        """Return the shape with a fixed direction, given the end-effector from the COM p_E, (3,)."""
+        return self
+
+    @property
+    @abstractmethod
+    def distance(self) -> float:
+        """Distance of some point of it from p_E, not necessarily of the nearest [m]."""
+
+    @property
+    @abstractmethod
+    def reach(self) -> float:
+        """Largest distance of its points, or of its apex, from p_E [m]."""
+
+    @property
+    @abstractmethod
+    def landmarks(self) -> Sequence[tuple[str, tuple[float, ...], Sequence[Vector]]]:
+        """Kind, numbers and vectors that isometries map onto those of an equal shape; none if all isometries do.
+
+        Vectors of the kind "region" have no order; for others, an item is a possible order.
+        """
+
+    @abstractmethod
+    def mesh(self, extent: float) -> Mesh:
+        """Return its surface."""
+
+    def faces(self, v: Array, extent: float) -> Sequence[Array]:
+        """Return polygons to fill in a picture seen along v, (3,): an outline, or all triangles, (k, 3) each."""
+        return list(self.mesh(extent).triangles)
+
+    def edges(self, extent: float) -> Sequence[Array]:
+        """Return lines to draw in a picture, (k, 3) each."""
+        return []
+
+    def generators(self, extent: float) -> Sequence[Array]:
+        """Return finer lines that show a curved surface, (k, 3) each."""
+        return []
+
+    def outline(self, view: tuple[int, int], extent: float) -> Array:
+        """Return its outline along two axes of W, right and up, (k, 2)."""
+        from scipy.spatial import ConvexHull
+
+        points = self.mesh(extent).vertices[:, view]
+        return np.asarray(points[ConvexHull(points).vertices])
+
+    @property
+    def primitive(self) -> tuple[str, dict[str, tuple[float, ...]]] | None:
+        """Type and sizes of an equal geom of MuJoCo; None: its mesh is one."""
+        return None
+
+    def half_spaces(self, sides: int = SIDES) -> list[tuple[Array, Array]]:
+        """Return a point and the inward normal, (3,), of half-spaces around an unbounded shape.
+
+        A half-space is the only one of its own; around a cone, `sides` of them touch it. A bounded shape has none.
+        """
+        return []
+
+
+@dataclass(frozen=True)
+class Capsule(Shape):
     """Capsule to stay out of: balls along a segment, or a single ball."""
 
     radius: float
@@ -169,6 +173,7 @@ class Capsule(NamedTuple):
     end: Vector = NOWHERE
     length: float | None = None
     """Length of a segment along p_E, away from the COM, instead of its end [m]."""
+    corners = ()
 
     @property
     def takes_direction_from_com(self) -> bool:
@@ -177,43 +182,104 @@ class Capsule(NamedTuple):
 
     def at(self, p_E: Array) -> Capsule:
         """Return the capsule with a fixed end, given the end-effector from the COM p_E, (3,)."""
-        if self.length is None:
-            return self
-        return self._replace(end=_vector(self.length * _unit(p_E)), length=None)
+        return self if self.length is None else replace(self, end=_vector(self.length * _unit(p_E)), length=None)
 
     @property
-    def farthest(self) -> float:
-        """Largest distance of its points from p_E [m]."""
+    def distance(self) -> float:
+        """See `Shape.distance`: of the start."""
+        return math.hypot(*self.start)
+
+    @property
+    def reach(self) -> float:
+        """See `Shape.reach`."""
         return self.radius + max(math.hypot(*self.start), math.hypot(*self.end), self.length or 0.0)
 
+    @property
+    def landmarks(self) -> Sequence[tuple[str, tuple[float, ...], Sequence[Vector]]]:
+        """See `Shape.landmarks`: both ends, in either order, or from p_E."""
+        if self.takes_direction_from_com or self.start == self.end:
+            return []
+        orders = ((self.start, self.end), (self.end, self.start))
+        from_tip = [order for order in orders if order[0] == NOWHERE]
+        return [("segment", (self.radius,), order) for order in from_tip or orders]
 
-class Polytope(NamedTuple):
+    def mesh(self, extent: float) -> Mesh:
+        """See `Shape.mesh`."""
+        return cone_sphere(np.array(self.start), self.radius, np.array(self.end), self.radius)
+
+    def faces(self, v: Array, extent: float) -> Sequence[Array]:
+        """Return the outline."""
+        return [cone_sphere_outline(np.array(self.start), self.radius, np.array(self.end), self.radius, v)]
+
+    def edges(self, extent: float) -> Sequence[Array]:
+        """Return the equator of the far ball."""
+        return [circle(np.array(self.end), self.radius, np.array([0.0, 0.0, 1.0]))]
+
+    def outline(self, view: tuple[int, int], extent: float) -> Array:
+        """See `Shape.outline`."""
+        return self.faces(np.eye(3)[3 - sum(view)], extent)[0][:, view]
+
+    @property
+    def primitive(self) -> tuple[str, dict[str, tuple[float, ...]]]:
+        """See `Shape.primitive`."""
+        if self.start == self.end:
+            return "sphere", {"pos": self.start, "size": (self.radius,)}
+        return "capsule", {"fromto": (*self.start, *self.end), "size": (self.radius,)}
+
+
+@dataclass(frozen=True)
+class Polytope(Shape):
     """Convex hull of points to stay out of."""
 
     corners: tuple[Vector, ...]
 
     @property
-    def takes_direction_from_com(self) -> bool:
-        """False: a polytope has no direction."""
-        return False
-
-    def at(self, p_E: Array) -> Polytope:
-        """Return the polytope itself."""
-        return self
+    def distance(self) -> float:
+        """See `Shape.distance`: of the nearest corner."""
+        return min(math.hypot(*corner) for corner in self.corners)
 
     @property
-    def farthest(self) -> float:
-        """Largest distance of its points from p_E [m]."""
+    def reach(self) -> float:
+        """See `Shape.reach`."""
         return max(math.hypot(*corner) for corner in self.corners)
 
+    @property
+    def landmarks(self) -> Sequence[tuple[str, tuple[float, ...], Sequence[Vector]]]:
+        """See `Shape.landmarks`."""
+        return [("region", (), self.corners)]
 
-class Cone(NamedTuple):
-    """Infinite cone to stay inside; a half-space at 90 degrees."""
+    def mesh(self, extent: float) -> Mesh:
+        """See `Shape.mesh`."""
+        hull = convex_hull(np.array(self.corners))
+        return Mesh(hull.corners, hull.triangles)
+
+    def edges(self, extent: float) -> Sequence[Array]:
+        """See `Shape.edges`."""
+        hull = convex_hull(np.array(self.corners))
+        return list(hull.corners[hull.edges])
+
+
+@dataclass(frozen=True)
+class Cone(Shape):
+    """Infinite cone to stay inside; a half-space at 90 degrees.
+
+    | symbol | meaning | unit |
+    |---|---|---|
+    | d, theta | axis, half-angle | -, rad |
+    | phi | half-angle seen along a unit vector v: sin(phi) = sin(theta) / sin(angle between d and v) | rad |
+    """
 
     half_angle_deg: float
     axis: Vector | None
     """Unit vector from the apex into the cone; None: towards the COM."""
     apex: Vector = NOWHERE
+    corners = ()
+    contains_airflow = True
+
+    @property
+    def words(self) -> str:
+        """See `Shape.words`."""
+        return f"{'cone' if self.half_angle_deg < 90 else 'half-space'} that must contain all airflow"
 
     @property
     def takes_direction_from_com(self) -> bool:
@@ -222,10 +288,55 @@ class Cone(NamedTuple):
 
     def at(self, p_E: Array) -> Cone:
         """Return the cone with a fixed axis, given the end-effector from the COM p_E, (3,)."""
-        return self if self.axis is not None else self._replace(axis=_vector(-_unit(p_E)))
+        return self if self.axis is not None else replace(self, axis=_vector(-_unit(p_E)))
 
+    @property
+    def distance(self) -> float:
+        """See `Shape.distance`: of the apex."""
+        return math.hypot(*self.apex)
 
-Shape = Capsule | Polytope | Cone
+    reach = distance
+
+    @property
+    def landmarks(self) -> Sequence[tuple[str, tuple[float, ...], Sequence[Vector]]]:
+        """See `Shape.landmarks`."""
+        return [] if self.axis is None else [("axis", (self.half_angle_deg,), (self.axis, self.apex))]
+
+    def mesh(self, extent: float) -> Mesh:
+        """Return its surface out to a slant height; a disc for a half-space."""
+        theta, apex, d = math.radians(self.half_angle_deg), np.array(self.apex), np.array(self.axis)
+        rim = circle(apex + extent * math.cos(theta) * d, extent * math.sin(theta), d)[:-1]
+        k = np.arange(len(rim)) + 1
+        return Mesh(np.vstack([apex, rim]), np.stack([0 * k, k, np.roll(k, -1)], axis=1))
+
+    def edges(self, extent: float) -> Sequence[Array]:
+        """Return the rim."""
+        return list(self.mesh(extent).triangles[:, 1:])
+
+    def generators(self, extent: float) -> Sequence[Array]:
+        """See `Shape.generators`."""
+        return list(self.mesh(extent).triangles[::6, :2])
+
+    def outline(self, view: tuple[int, int], extent: float) -> Array:
+        """See `Shape.outline`: a disc if one looks into the cone."""
+        axes, theta = list(view), math.radians(self.half_angle_deg)
+        right, up = np.array(self.axis)[axes]
+        ratio = math.sin(theta) / max(math.hypot(right, up), 1e-12)
+        phi = math.asin(min(ratio, 1.0)) if ratio < 1 + 1e-9 else math.pi
+        middle = math.atan2(up, right)
+        angles = np.linspace(middle - phi, middle + phi, SIDES + 1)
+        arc = extent * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        return np.asarray(np.array(self.apex)[axes] + (arc if phi == math.pi else np.vstack([np.zeros(2), arc])))
+
+    def half_spaces(self, sides: int = SIDES) -> list[tuple[Array, Array]]:
+        """See `Shape.half_spaces`."""
+        d, theta = np.array(self.axis), math.radians(self.half_angle_deg)
+        if self.half_angle_deg == 90:
+            return [(np.array(self.apex), d)]
+        angles = 2 * math.pi * np.arange(sides) / sides
+        s, t, _ = rotation_to(d).T
+        across = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
+        return [(np.array(self.apex), normal) for normal in math.sin(theta) * d - math.cos(theta) * across]
 
 
 def unit(direction: Vector) -> Vector:

@@ -43,7 +43,6 @@ from topo_search.model.room import (
     whole_cover,
 )
 from topo_search.model.search import GOALS, Goals, Level, Search
-from topo_search.model.shape import Polytope
 from topo_search.model.value import (
     Angle,
     Broken,
@@ -158,7 +157,7 @@ class Task(Value):
             names = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
             yield "exposure", f"must have at most {LIMITS.segments} {names} in all, but got {parts:,}"
         shapes = (shape for region in self.exposure for shape in region.shapes)
-        corners = sum(len(shape.corners) for shape in shapes if isinstance(shape, Polytope))
+        corners = sum(len(shape.corners) for shape in shapes)
         if corners > LIMITS.all_corners:
             yield "exposure", f"must have at most {LIMITS.all_corners:,} corners in all, but got {corners:,}"
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:

@@ -11,12 +11,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from topo_search.export import palette, solids
-from topo_search.export.poses import azimuth_deg, cone_slant, region_words, rotation_to, shapes, towards_viewer
-from topo_search.export.solids import Mesh, cone_sphere, cylinder, join
+from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
+from topo_search.export.solids import cylinder, join
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
 from topo_search.model.module import Module
-from topo_search.model.shape import Cone
 from topo_search.report.wording import clearance
 from verify.kinematics import Platform
 
@@ -166,29 +166,27 @@ def _regions(design: Design, poses: Platform) -> Iterator[Part]:
     groups: dict[tuple[str, str, float], list[Mesh]] = {}
     for number, shape in shapes(design.task, poses.p_e):
         solid = design.task.exposure[number].solid
-        if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
-            yield _wall(shape, poses)
+        half_spaces = shape.half_spaces()
+        if solid and len(half_spaces) == 1:
+            yield _wall(*half_spaces[0], poses)
             continue
-        surface = solids.region_mesh(shape, cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
-        if isinstance(shape, Cone):
-            look = "cones", region_words(shape), 0.15
+        surface = shape.mesh(cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
+        if shape.contains_airflow:
+            look = "cones", shape.words, 0.15
         elif solid:
-            look = "solids", f"solid {region_words(shape)}", 0.9
+            look = "solids", f"solid {shape.words}", 0.9
         else:
-            look = "regions", region_words(shape), 0.2
+            look = "regions", shape.words, 0.2
         groups.setdefault(look, []).append(surface)
     for (kind, words, opacity), surfaces in sorted(groups.items(), key=lambda group: group[0]):
         yield Part(kind, words, palette.EXPOSURE, join(surfaces), opacity=opacity)
 
 
-def _wall(shape: Cone, poses: Platform) -> Part:
+def _wall(point: Array, inwards: Array, poses: Platform) -> Part:
     """Return part of the plane that bounds a half-space, scaled to the platform's distance from its tip."""
-    inwards = np.array(shape.axis)
     width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
     R = rotation_to(inwards)
-    slab = solids.box((width, width, 0.02 * width)).move(
-        R, poses.end_effector + shape.apex - 0.01 * width * inwards
-    )
+    slab = solids.box((width, width, 0.02 * width)).move(R, poses.end_effector + point - 0.01 * width * inwards)
     return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
 
 
@@ -231,7 +229,7 @@ def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) ->
 
 def triangles_of(mesh: Mesh) -> dict[str, list[float]]:
     """Return a mesh as JSON data for the page, with vertices duplicated at sharp edges."""
-    first, second, third = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    first, second, third = mesh.triangles.transpose(1, 0, 2)
     normals = np.cross(second - first, third - first)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
     sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) @ [len(mesh.vertices), 1]
@@ -288,4 +286,4 @@ def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Mesh,
 
 def arrow_head(thick: float, length: float) -> Mesh:
     """Return the head of an arrow along z with a shaft of radius `thick`, from the origin."""
-    return solids.revolve(np.array([[0.0, 0.0], [2.4 * thick, 0.0], [0.0, length]]), 10)
+    return revolve(np.array([[0.0, 0.0], [2.4 * thick, 0.0], [0.0, length]]), 10)

@@ -21,9 +21,10 @@ import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.mjcf import Physics, mjcf, numbers
-from topo_search.export.poses import mass_of, rod_of, rotation_to
+from topo_search.export.poses import mass_of, rod_of
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
+from topo_search.model.mesh import rotation_to
 from verify.kinematics import platform
 
 STEP = 0.001

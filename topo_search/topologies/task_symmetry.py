@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 from topo_search.model import LoadCase, Module, ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.corners import to_corners
-from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 from topo_search.topologies.rooted import Group, Symmetry, group_of
 
 TOLERANCE = 1.0e-9
@@ -147,19 +146,9 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     for exposure in task.exposure:
         needs = (exposure.solid, exposure.geometry, exposure.speed or 0.0, exposure.speed_reach or 0.0)
         for shape in exposure.shapes:
-            match shape:
-                case Polytope(corners):
-                    V = np.array(corners)
-                    V = _clean(V, float(np.linalg.norm(V, axis=1).max()))
-                    features.append(_Feature(REGION, needs, V, none))
-                case Capsule(length=None, start=start, end=end) if start != end:
-                    orders = ((start, end), (end, start))  # unordered ends: one feature per order
-                    for pair in [order for order in orders if NOWHERE not in (start, end) or order[0] == NOWHERE]:
-                        polar = _clean(np.array(pair), l_arm)
-                        features.append(_Feature("segment", (shape.radius, *needs), polar, none))
-                case Cone(axis=(_, _, _)):
-                    vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
-                    features.append(_Feature("axis", (shape.half_angle_deg, *needs), vectors, none))
+            for kind, scalars, vectors in shape.landmarks:
+                scale = float(np.linalg.norm(vectors, axis=1).max()) if kind == REGION else l_arm
+                features.append(_Feature(kind, (*scalars, *needs), _clean(np.array(vectors), scale), none))
     flight = task.declared.flight
     if flight.keeps_reserves or flight.tilt_deg or flight.rotor_out != "none":
         features.append(_Feature("hover", (), np.array([[0.0, 0.0, 1.0]]), none))

@@ -314,9 +314,9 @@ def _loads(task: ResolvedTask, mass: Masses, unit: Units) -> Loads:
 def _walls(task: ResolvedTask, unit: Units) -> Walls:
     """Return the half-spaces of the exposure; none for a fixed end-effector, which follows the centre of mass."""
     air, rows = task.module.region_envelope, list[tuple[Vector, int, int, float]]()
-    for _, axis, apex in half_spaces(task.exposure) if task.end_effector.fixed_position is None else ():
-        x, y, z = axis or NOWHERE
-        offset = -float(np.dot((x, y, z), apex))
+    for cone in half_spaces(task.exposure) if task.end_effector.fixed_position is None else ():
+        x, y, z = cone.axis or NOWHERE
+        offset = -float(np.dot((x, y, z), cone.apex))
         for end, radius in enumerate((air.start_radius, air.end_radius)):
             rows += [((-x, -y, -z), i, end, (radius - offset) / unit.length) for i in range(task.n)]
     return Walls(
