@@ -38,8 +38,8 @@ from nlp.symbols.platform import platform_inertia, wrench_map
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.load_case import AT, POINT_SUFFIXES, box_corners, centres, weight_cases
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.reserves import AT, POINT_SUFFIXES, box_corners, centres, weight_cases
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 ROUNDING = 1e-16

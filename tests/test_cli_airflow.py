@@ -18,7 +18,7 @@ from wording import says
 from topo_search.compose.binding import enclose_speed
 from topo_search.export.air_field import air_field, air_surface, npz, vti
 from topo_search.model import Design, Module
-from topo_search.model.audit import SpeedEnvelope
+from topo_search.model.air import SpeedEnvelope
 from topo_search.model.files import read_json, read_task, to_toml
 from verify import audit
 from verify.air.bound import case_jets

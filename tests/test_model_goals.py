@@ -5,7 +5,7 @@ from nlp_cases import HOVER
 
 from topo_search.model import BadInput, Task
 from topo_search.model.files import validate
-from topo_search.model.search import Goals, Level
+from topo_search.model.goals import Goals, Level
 
 SI = {"units": "SI", "com": {"force": [0.0, 0.0, 8.0]}}
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from topo_search.model import BadInput, ResolvedTask, Task
-from topo_search.model.corners import AUDIT_TOLERANCE, reserve_corners, to_corners
+from topo_search.model.corners import to_corners
 from topo_search.model.files import to_toml, validate
-from topo_search.model.load_case import centres
+from topo_search.model.reserves import AUDIT_TOLERANCE, centres, reserve_corners
 
 HOVER = {"carries_weight": True}
 PUSH = {"name": "push", "carries_weight": True, "units": "SI", "end_effector": {"force": [2.0, 0.0, 0.0]}}

@@ -14,7 +14,7 @@ from nlp.numbers.point import Point
 from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.user_constraints.rows import rows_of
 from topo_search.model import Infeasible, Status, Topology
-from topo_search.model.load_case import AskedFlight
+from topo_search.model.reserves import AskedFlight
 from verify import audit
 
 LOW, HIGH = Topology.from_key("a300"), Topology.from_key("aa00")

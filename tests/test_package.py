@@ -20,9 +20,9 @@ from topo_search.compose import binding
 from topo_search.compose.drawer import Change, SharedKit
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
-from topo_search.model.design import Relaxation, Relaxed
 from topo_search.model.files import examples, read_json, read_task, task_template, to_json, to_toml
-from topo_search.model.flight import Vehicle
+from topo_search.model.relaxed import Relaxation, Relaxed
+from topo_search.model.vehicle import Vehicle
 from topo_search.simulation.result import FlightResult
 from verify import audit
 from verify.flight.vehicle import capability

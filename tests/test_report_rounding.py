@@ -22,10 +22,11 @@ from topo_search.compose import audit
 from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import summary_lines
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
-from topo_search.model.audit import WorstCase
-from topo_search.model.design import Relaxation, ShorterRod
+from topo_search.model.design import ShorterRod
+from topo_search.model.goals import Level
 from topo_search.model.proven import excess_texts
-from topo_search.model.search import Level
+from topo_search.model.relaxed import Relaxation
+from topo_search.model.sensitivity import WorstCase
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound
 from topo_search.report.design_part import cases, errors, findings, flight_sentences, nearest, residuals

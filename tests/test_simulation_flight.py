@@ -19,7 +19,8 @@ from suites import few
 
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
-from topo_search.model.load_case import AskedFlight, ForceCone
+from topo_search.model.load_case import ForceCone
+from topo_search.model.reserves import AskedFlight
 from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, load_factor, plan, worst_wakes
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import ModelErrors, Plant, in_wakes, nominal

@@ -13,7 +13,7 @@ from wording import says
 from topo_search.cli.tables import answer_lines
 from topo_search.engine import Job
 from topo_search.model import Audit, CaseFlight, CasePower, Design, Flight, RotorsOut
-from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir
+from topo_search.model.air import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import COLUMNS, RunFolder

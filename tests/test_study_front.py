@@ -19,8 +19,8 @@ from topo_search.cli.tables import answer_lines
 from topo_search.compose import search
 from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
 from topo_search.model.files import read_json
-from topo_search.model.search import GOALS as STEPS
-from topo_search.model.search import Goals, Level
+from topo_search.model.goals import GOALS as STEPS
+from topo_search.model.goals import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front

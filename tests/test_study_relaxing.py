@@ -12,8 +12,8 @@ from wording import says
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed, Job
 from topo_search.model import Design, Infeasible, Task, Topology
-from topo_search.model.design import STARTS
 from topo_search.model.files import to_json
+from topo_search.model.relaxed import STARTS
 from topo_search.model.text import apply_settings
 from topo_search.study import SilentObserver
 from topo_search.study.relaxing import RELAXING, relax, relaxable

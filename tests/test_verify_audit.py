@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from verify_cases import FAN, FREE_ABOVE, HOVER, changed, design, failing, fan
 
 from topo_search.model import Audit, Design, Status, Topology
-from topo_search.model.audit import counts
+from topo_search.model.clearance import counts
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.kinematics import objective, platform

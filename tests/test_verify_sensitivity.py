@@ -13,8 +13,8 @@ from suites import few
 from verify_cases import changed, design, failing, fan
 
 from topo_search.model import Assembly, Design, Geometry, Mount, Status, Topology
-from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.files import to_json
+from topo_search.model.sensitivity import WITHIN_TOLERANCES
 from verify.bare import complete
 from verify.certificate import Certificate
 from verify.contacts import AnyCheck, certify, checks

@@ -14,7 +14,7 @@ from vehicle_cases import HEXACOPTERS, hexacopter, omnicopter, rotor, star
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
 from topo_search.model.files import read_json
-from topo_search.model.flight import Vehicle, read_vehicle
+from topo_search.model.vehicle import Vehicle, read_vehicle
 from topo_search.report.design_page import vehicle_page
 from verify import audit
 from verify.flight.vehicle import capability, rotor_map

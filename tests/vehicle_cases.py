@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from topo_search.model.flight import Vehicle
+from topo_search.model.vehicle import Vehicle
 
 
 def rotor(r: Any, a: Any, **fields: Any) -> dict[str, Any]:

@@ -51,10 +51,11 @@ if TYPE_CHECKING:
     from topo_search.model.design import Stated, StatedCheck
     from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
     from topo_search.model.files import read_json, read_task, to_json, to_toml
-    from topo_search.model.load_case import AskedFlight, ForceCone
+    from topo_search.model.goals import Goals
+    from topo_search.model.load_case import ForceCone
     from topo_search.model.mesh_file import ConvexPiece
     from topo_search.model.module import Airflow, Body, Bracket, CountedRod, Jet, RegionAirflow
-    from topo_search.model.search import Goals
+    from topo_search.model.reserves import AskedFlight
     from topo_search.protocols import (
         OwnConstraint,
         OwnFormat,

@@ -28,7 +28,7 @@ from typing import Generic, NamedTuple, TypeVar
 import numpy as np
 
 from topo_search.model import Status
-from topo_search.model.audit import Kind
+from topo_search.model.clearance import Kind
 from verify.bodies import Array, ConeSphere, ConeSpheres, clearances
 from verify.hulls import HullBody, approach
 from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, encloses, inner_mesh, lies_within, outer_mesh

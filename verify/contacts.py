@@ -48,7 +48,7 @@ import numpy as np
 
 from topo_search.model import AllowedContact, Design, Mount, Status
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.audit import Kind
+from topo_search.model.clearance import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.module import TIP
 from topo_search.model.room import INWARDS, OUTWARDS

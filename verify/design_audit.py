@@ -20,8 +20,7 @@ from importlib import metadata
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Geometry, Interference, Module, Status
-from topo_search.model.audit import MeshExcess
+from topo_search.model import Audit, Clearance, Design, Geometry, Interference, MeshExcess, Module, Status
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.bodies import Array

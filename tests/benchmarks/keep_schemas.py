@@ -13,9 +13,9 @@ from pathlib import Path
 from topo_search.compose.drawer import SharedKit
 from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
-from topo_search.model.design import Relaxed
 from topo_search.model.files import write_atomically
-from topo_search.model.flight import Capability
+from topo_search.model.relaxed import Relaxed
+from topo_search.model.vehicle import Capability
 from topo_search.simulation.result import FlightResult
 
 FOLDER = Path(__file__).parents[2] / "topo_search/schemas"

@@ -15,7 +15,7 @@ from topo_search.cli.errors import command, note
 from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
-    from topo_search.model.audit import EnvelopeAir
+    from topo_search.model.air import EnvelopeAir
 
 
 @command(epilog="Example: topo-search capability kit/rotors.csv")
@@ -39,8 +39,8 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     """  # noqa: D301 (\b is click's)
     from topo_search.export.audits import flight_lines
     from topo_search.model.files import write_atomically
-    from topo_search.model.flight import read_vehicle
     from topo_search.model.proven import lower_text
+    from topo_search.model.vehicle import read_vehicle
     from verify.flight.vehicle import capability as capability_of
 
     options.require_writable(page)

@@ -34,7 +34,7 @@ from topo_search.model import (
     Status,
     Task,
 )
-from topo_search.model.audit import SpeedEnvelope
+from topo_search.model.air import SpeedEnvelope
 from topo_search.model.module import RegionAirflow, Thrust
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.protocols import (

@@ -22,11 +22,13 @@ from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
+from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, has_volume, quickhull
 from topo_search.model.text import read_regular
 from topo_search.model.value import (
     Broken,
     Index,
+    NonNegative,
     Positive,
     Value,
     Vector,
@@ -81,6 +83,23 @@ class Surface(NamedTuple):
     """Vertex indices, shape (f, 3)."""
     closed: bool = False
     """True if every edge belongs to an even number of triangles, so that the surface encloses a volume."""
+
+
+class MeshExcess(Value):
+    """Excess of a region over its source mesh."""
+
+    exposure: Index
+    """Number of the requirement."""
+    segment: Index | None
+    """Index of the convex piece; None for a single one."""
+    at_most_m: NonNegative
+    """Upper bound for the distance of the piece's surface from that of the mesh [m]."""
+
+    @property
+    def words(self) -> str:
+        """Region and excess, in words."""
+        piece = "" if self.segment is None else f", piece {self.segment},"
+        return f"exposure {self.exposure}{piece} reaches up to {upper_text(self.at_most_m, 3)} m beyond its mesh"
 
 
 def mesh_schema(schema: dict[str, Any]) -> None:

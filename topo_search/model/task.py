@@ -19,14 +19,8 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
-from topo_search.model.load_case import (
-    AskedFlight,
-    LoadCase,
-    broken_reserves,
-    broken_rules,
-    labels,
-    ten_wrenches,
-)
+from topo_search.model.features import GOALS, TASK_RULES, AskedFlight, Goals, Level, Tolerances
+from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
@@ -42,14 +36,12 @@ from topo_search.model.room import (
     part_cover,
     whole_cover,
 )
-from topo_search.model.search import GOALS, Goals, Level, Search
+from topo_search.model.search import Search
 from topo_search.model.value import (
-    Angle,
     Broken,
     Count,
     Index,
     NonEmpty,
-    NonNegative,
     OneOf,
     Positive,
     Value,
@@ -80,17 +72,6 @@ LoadCases = Annotated[
     Literal["ten-wrenches"] | Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty],
     OneOf('must be a list of load cases or "ten-wrenches"'),
 ]
-
-
-class Tolerances(Value):
-    """Largest build errors of a platform."""
-
-    hinge_angle_deg: Angle = 0.0
-    """Error of every hinge angle, in the frame of the module that carries the rod [deg]."""
-    position: NonNegative = 0.0
-    """Error of the position of every module's centre and the end-effector, in addition to the hinge errors [m]."""
-    envelope: NonNegative = 0.0
-    """Largest reach of airflow beyond its envelope, in any direction [m]."""
 
 
 class Task(Value):
@@ -184,11 +165,10 @@ class Task(Value):
             yield from broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.at(level).flight for level in self.goals.levels)
-            yield from dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
+            yield from dict.fromkeys(x for flight in flights for x in flight.broken_reserves(corners, n, *units))
         yield from self._broken_thrust()
         yield from self._broken_hinges()
-        yield from self._broken_flight()
-        yield from self._broken_goals()
+        yield from (broken for rule in TASK_RULES for broken in rule(self))
 
     def _broken_thrust(self) -> Broken:
         """Yield broken rules about limits of rotor inputs."""
@@ -212,46 +192,6 @@ class Task(Value):
             field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
             rule = f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}"
             yield ("search", field), f"{rule}, but got {show(getattr(self.search, field))}"
-
-    def _broken_flight(self) -> Broken:
-        """Yield contradictions and missing fields of the required capabilities."""
-        torque = self.flight.rotor_out_torque
-        if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
-            yield ("flight", "rotor_out_torque"), f'must be left out if rotor_out = "none", but got {torque:g}'
-        if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
-            rule = "must be false if all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
-            yield ("flight", "tolerances"), f"{rule}, but got true"
-        if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
-            rule = 'must be "airflow" if clearances must survive [tolerances], which is not proven for parts'
-            yield ("search", "interference"), f'{rule}, but got "parts"'
-        for name, goal in GOALS.items():
-            part, field = goal.field.split(".")
-            if part in ("flight", "tolerances") and getattr(self.goals, name):
-                table = getattr(self, part)
-                if (actual := getattr(table, field)) != type(table).model_fields[field].default:
-                    rule = f"must be left out if goals.{name} has levels of it"
-                    yield (part, field), f"{rule}, but got {show(actual)}"
-        for field in ("joint_moment", "joint_force"):
-            if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
-                yield ("module", field), f'must be given with flight.{field} = "rated", but is missing'
-
-    def _broken_goals(self) -> Broken:
-        """Yield broken rules about goals."""
-        if self.goals.speed and not self.exposure:
-            yield ("goals", "speed"), f"needs an exposure, but got {show(self.goals.speed)}"
-        if self.goals.modules and len(self.sizes) == 1:
-            yield ("goals", "modules"), f"needs a range of sizes, [fewest, most], but got modules = {self.modules}"
-        if self.goals.names and len(self.sizes) > 1:
-            rule = (
-                'must be "SI" to compare efforts of several sizes, but got "weight", which grows with the size '
-                "(carries_weight = true adds the weight of each)"
-            )
-            if self.load_cases == "ten-wrenches":
-                yield ("load_cases",), f"units {rule}"
-            else:
-                for k, case in enumerate(self.load_cases):
-                    if case.units == "weight" and case.largest:
-                        yield ("load_cases", k, "units"), rule
 
     @property
     def sizes(self) -> range:

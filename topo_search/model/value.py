@@ -393,6 +393,8 @@ def _not_empty(entries: Entries) -> Entries:
 Number = Annotated[float, Field(strict=True)]
 """Finite number; strings and booleans are refused."""
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
+Size = Annotated[float, Field(strict=True, ge=0)]
+"""Measured quantity of any size."""
 Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extreme)]
 """Physical quantity; the range keeps numbers derived from a few of them finite and nonzero."""
 PositiveOrZero = Annotated[

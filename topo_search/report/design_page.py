@@ -15,10 +15,11 @@ from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Status
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
-from topo_search.model.flight import Capability, direction
+from topo_search.model.flight import direction
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, as_bad_input, show
+from topo_search.model.vehicle import Capability
 from topo_search.report import Figure, Table, Tile
 from topo_search.report.charts import MAX_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences

@@ -11,7 +11,7 @@ import numpy as np
 from topo_search.export.audits import flight_lines
 from topo_search.limits import vector
 from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
-from topo_search.model.audit import AirSpeeds
+from topo_search.model.air import AirSpeeds
 from topo_search.model.design import StatedCheck
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text

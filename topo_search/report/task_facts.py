@@ -9,7 +9,7 @@ from topo_search.limits import vector
 from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task
 from topo_search.model.proven import upper_text
 from topo_search.model.room import folds_text
-from topo_search.model.task import Tolerances
+from topo_search.model.sensitivity import Tolerances
 from topo_search.model.value import is_zero
 from topo_search.report.wording import figures, length, quantity
 

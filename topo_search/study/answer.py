@@ -7,10 +7,8 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.model import Audit, Design, Infeasible, Relaxed
-from topo_search.model.audit import FastAir
+from topo_search.model import Audit, Design, FastAir, Infeasible, Level, Relaxed
 from topo_search.model.proven import gap_percent
-from topo_search.model.search import Level
 from topo_search.model.text import heading, paragraph, table
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell

@@ -33,10 +33,11 @@ from typing import Any, Literal, get_args
 from topo_search.engine import Backends, Failed, Job, audit_deadline
 from topo_search.model import Audit, Design, Flight, ResolvedTask, Topology
 from topo_search.model.files import to_json
-from topo_search.model.load_case import POINT_SUFFIXES, Failing, weight_cases
+from topo_search.model.goals import GOALS, Goal, Level
+from topo_search.model.load_case import Failing
 from topo_search.model.proof import Text
 from topo_search.model.proven import TOLERANCE
-from topo_search.model.search import GOALS, Goal, Level
+from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
 from topo_search.model.value import Index, Number, Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder

@@ -24,9 +24,9 @@ from pydantic import ValidationError
 
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
-from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.exposure import Plane
 from topo_search.model.files import to_json
+from topo_search.model.relaxed import STARTS, Relaxation
 from topo_search.model.shape import NOWHERE
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder

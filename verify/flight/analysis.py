@@ -40,8 +40,8 @@ from topo_search.model import (
     RotorsOut,
     Wrench,
 )
-from topo_search.model.load_case import ROTOR_OUT_TORQUE, weight_cases
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
 from topo_search.model.value import Vector
 from verify.assembly import rod_moment
 from verify.bodies import Array

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
-from topo_search.model.audit import WITHIN_TOLERANCES
-from topo_search.model.load_case import AT, POINT_SUFFIXES, AskedFlight, centres
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.reserves import AT, POINT_SUFFIXES, AskedFlight, centres
+from topo_search.model.sensitivity import WITHIN_TOLERANCES
 from verify.flight.joints import inertia
 from verify.kinematics import platform
 from verify.residuals import residual

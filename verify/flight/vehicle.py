@@ -19,8 +19,8 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from topo_search.model import Flight, LoadCase, RotorsOut, Task
-from topo_search.model.flight import Capability, Vehicle
 from topo_search.model.load_case import labels
+from topo_search.model.vehicle import Capability, Vehicle
 from verify.bodies import Array
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.balls import Polytopes, largest_balls

@@ -1,0 +1,22 @@
+"""Features of the model: what they add to tasks, designs and audits. The core imports this list and no feature."""
+
+from __future__ import annotations
+
+from topo_search.model.air import AirSpeeds
+from topo_search.model.assembly import Assembly
+from topo_search.model.flight import CasePower, Flight
+from topo_search.model.goals import GOALS, Goals, Level, broken_goals
+from topo_search.model.mesh_file import MeshExcess
+from topo_search.model.relaxed import Relaxed
+from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
+from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
+
+TASK_RULES = (broken_flight, broken_goals)
+"""Rules that a task as a whole may break, in the order of their messages."""
+CORNER_SETS = (reserve_corners, failure_corners)
+"""Sets of wrenches required besides the load cases, in the order of their corners."""
+
+__all__ = [
+    "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly", "CasePower",
+    "Flight", "Goals", "Level", "MeshExcess", "Relaxed", "Sensitivity", "Tolerances",
+]  # fmt: skip
