@@ -168,4 +168,6 @@ def region_of(shape: Shape, l_arm: float, within: float | None) -> SpeedRegion:
             planes = hull.normals * (l_arm / (hull.offsets - hull.normals @ start))[:, None]
         case Cone():
             start, axis, half_angle = np.array(shape.apex), np.array(shape.axis), math.radians(shape.half_angle_deg)
+        case _:
+            raise NotImplementedError(shape)
     return SpeedRegion(start / l_arm, axis, radius / l_arm, half_angle, planes, (within or math.inf) / l_arm)
