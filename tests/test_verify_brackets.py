@@ -14,7 +14,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.room import bracket_obstacle
 from topo_search.model.task_warnings import task_warnings
 from verify import audit
-from verify.contacts import bracket_hulls
+from verify.brackets import bracket_hulls
 from verify.kinematics import platform
 from verify.requirements import Scene
 

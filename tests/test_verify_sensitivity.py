@@ -17,8 +17,9 @@ from topo_search.model.files import to_json
 from topo_search.model.sensitivity import WITHIN_TOLERANCES
 from verify.bare import complete
 from verify.certificate import Certificate
-from verify.contacts import AnyCheck, certify, checks
+from verify.contacts import AnyCheck, certify
 from verify.design_audit import audit
+from verify.features import CLEARANCES
 from verify.flight.residuals import tolerance_residuals
 from verify.kinematics import platform
 from verify.requirements import Scene
@@ -43,6 +44,10 @@ def at(of: Design, holder: int | None) -> Mount | None:
     """A free connector of a module, or of any if the module has none."""
     free = of.topology.free_connectors
     return None if holder is None else Mount(module=holder, port=next((p for i, p in free if i == holder), 0))
+
+
+def checks(scene: Scene, mount: Mount | None) -> list[AnyCheck]:
+    return [check for group in CLEARANCES for check in group.checks(scene, mount)]
 
 
 def certified(some: list[AnyCheck]) -> list[tuple[AnyCheck, Certificate]]:
@@ -229,7 +234,7 @@ def test_every_check_of_a_rigid_body_has_a_bound(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     of = as_design(random_point(push(n, **fields), random_tree(n, rng), rng))
     scene, mount = Scene(of), at(of, n - 1)
-    pairs = certified(list(checks(scene, mount)))
+    pairs = certified(checks(scene, mount))
     nominal = {check.key: certificate.analytic for check, certificate in pairs}
     bounds = Tolerance(scene, pairs, mount)
     for check, certificate in pairs:
@@ -244,7 +249,7 @@ def test_every_check_of_a_rigid_body_has_a_bound(name: str, seed: int) -> None:
             deviate(scene, errors.delta * example.turns, shifts, **other),
             *(built_scene(of, errors, rng, mount, worst=worst) for worst in (True, False)),
         ):
-            for check, certificate in certified(list(checks(moved, mount))):
+            for check, certificate in certified(checks(moved, mount)):
                 if nominal[check.key] > 0:
                     assert certificate.analytic >= least[check.key].bound - 1e-9
 
@@ -396,7 +401,7 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
     found = platform(of)
     scene = Scene(of, found)
     airflow = [r for r in scene.requirements() if r.kind == "airflow"]
-    result = sensitivity(Findings(scene, Assembly(), airflow, certify(airflow), {}))
+    result = sensitivity(Findings(scene, Assembly(), CLEARANCES, airflow, certify(airflow), {}))
     assert result.hinge_angle_deg.violated_at is not None
     broken = []
     still = np.zeros((6, 3))
@@ -423,7 +428,7 @@ def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
     found = platform(of)
     scene = Scene(of, found)
     cones = [r for r in scene.requirements() if r.kind == "exterior"]
-    result = sensitivity(Findings(scene, Assembly(), cones, certify(cones), {}))
+    result = sensitivity(Findings(scene, Assembly(), CLEARANCES, cones, certify(cones), {}))
     assert result.position_m.violated_at < 1.5 * result.position_m.tolerated
 
 

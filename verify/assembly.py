@@ -25,12 +25,12 @@ from topo_search.model.value import Vector
 from verify.bodies import Array, ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities
-from verify.contacts import rod_keeps_out
 from verify.kinematics import Platform
 from verify.parts import FIT, StraightRod
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
 from verify.sections import Findings
+from verify.solid_regions import rod_keeps_out
 
 
 def assembly(scene: Scene) -> Assembly:

@@ -29,13 +29,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Status
+from topo_search.model import Mount, Status
 from verify.bodies import Array, ConeSpheres, nearest_on_axis, norms
 from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceCheck, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, FclPolytope, Indices
+from verify.requirements import Scene
 
 ROTORS = 4
 
@@ -75,12 +76,17 @@ def beside_airflow(
 ) -> Iterator[BesideAirflow]:
     """Yield every rotor, then hub and arms, of every module against the airflow of every other module."""
     return (
-        BesideAirflow("rotor-airflow", a, b, module, envelope, segment, counts)
+        BesideAirflow("rotor-airflow", a, b, module, envelope, segment, counts, certifier=certify_beside)
         for a, module in enumerate(modules)
         for b, envelope in enumerate(envelopes)
         if a != b
         for segment in (*range(ROTORS), None)
     )
+
+
+def rotors_beside_airflow(scene: Scene, _: Mount | None) -> Iterator[BesideAirflow]:
+    """Yield the checks of a design."""
+    return beside_airflow(scene.modules, scene.envelopes, counts=scene.design.task.parts_off_airflow)
 
 
 def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:

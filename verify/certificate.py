@@ -23,7 +23,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -86,6 +86,8 @@ class ClearanceCheck(Generic[Body, Other]):
     """True if the check affects the verdict; it is measured either way."""
     bolted: bool = False
     """True if the two frames may touch near the connector."""
+    certifier: Callable[[Sequence[Any]], list[Certificate]] | None = None
+    """Certifier of a batch of such checks; None: that for the types of their sides."""
 
     @property
     def key(self) -> tuple[Kind, int, int, int | None]:

@@ -26,8 +26,7 @@ from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
 from verify.contacts import AnyCheck, allowed_contacts, certify
-from verify.contacts import checks as checks_of
-from verify.features import SECTIONS, assembly, complete
+from verify.features import CLEARANCES, SECTIONS, assembly, complete
 from verify.requirements import Scene
 from verify.residuals import clamp, residuals
 from verify.sections import Findings
@@ -68,10 +67,11 @@ def audit(design: Geometry) -> Audit:
 def _audit(design: Design, started: float) -> Audit:
     scene = Scene(design)
     sheet = assembly(scene)  # its mount, where the rod starts, decides which clearances there are
-    checks = list(itertools.islice(checks_of(scene, sheet.mount), MOST_CLEARANCES + 1))
+    all_checks = (check for group in CLEARANCES for check in group.checks(scene, sheet.mount))
+    checks = list(itertools.islice(all_checks, MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but this one has more")
-    found = Findings(scene, sheet, checks, certify(checks), {})
+    found = Findings(scene, sheet, CLEARANCES, checks, certify(checks), {})
     rows = [*residuals(design, scene.platform)]
     for section in SECTIONS:
         if section.find is not None:

@@ -1,14 +1,23 @@
-"""Sections of the audit: what features add to it, in the order of `verify.features`."""
+"""Clearances and sections: what features add to the audit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from topo_search.model import Assembly, Residual
+from topo_search.model import Assembly, Mount, Residual
+from topo_search.model.clearance import Kind
 from verify.certificate import Certificate
 from verify.contacts import AnyCheck
 from verify.requirements import Scene
+
+
+class Clearances(NamedTuple):
+    """Clearances of the core or of a feature."""
+
+    kinds: tuple[Kind, ...]
+    checks: Callable[[Scene, Mount | None], Iterable[AnyCheck]]
+    """Yields their checks for a scene and the mount of its rod."""
 
 
 class Findings(NamedTuple):
@@ -16,6 +25,7 @@ class Findings(NamedTuple):
 
     scene: Scene
     sheet: Assembly
+    clearances: Sequence[Clearances]
     checks: Sequence[AnyCheck]
     """Checks of all clearances, also of those that do not count."""
     certificates: Sequence[Certificate]

@@ -31,10 +31,10 @@ from verify.bodies import AllowedCone, Array, clearances, cone_clearance
 from verify.certificate import BOUND_ROUNDING
 from verify.compounds import Compound, proximities
 from verify.cones import certify_parts_inside
-from verify.contacts import AnyCheck, counterpart
+from verify.contacts import AnyCheck
 from verify.hulls import HullBody, approach
 from verify.kinematics import Poses, platform, poses_of
-from verify.requirements import Scene
+from verify.requirements import ClearanceRequirement, Scene
 from verify.sections import Findings
 from verify.tolerance import Errors, Example, Tolerance, Weakest
 
@@ -69,114 +69,119 @@ def sensitivity(found: Findings) -> Sensitivity | None:
     counted = [pair for pair in zip(found.checks, found.certificates, strict=True) if pair[0].counts]
     if not counted or scene.design.task.search.interference == "parts":  # thrust lost in wakes has no bound
         return None
-    tolerance, l_arm = Tolerance(scene, counted, found.sheet.mount), scene.l_arm
+    search, l_arm = _ErrorSearch(found, Tolerance(scene, counted, found.sheet.mount)), scene.l_arm
     specified = scene.design.task.tolerances
     errors = Errors(math.radians(specified.hinge_angle_deg), specified.position / l_arm, specified.envelope / l_arm)
     return Sensitivity(
-        hinge_angle_deg=_limit(tolerance, Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
-        position_m=_limit(tolerance, Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
-        envelope_m=_limit(tolerance, Errors(delta_e=1.0), SEARCH.largest_shift, l_arm),
-        tolerances=_worst_case(tolerance, errors) if any(errors) else None,
+        hinge_angle_deg=search.limit(Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
+        position_m=search.limit(Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
+        envelope_m=search.limit(Errors(delta_e=1.0), SEARCH.largest_shift, l_arm),
+        tolerances=search.worst_case(errors) if any(errors) else None,
     )
 
 
-def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) -> Limit | None:
-    """Return the largest factor on errors proven to violate nothing, times a unit; None if it exceeds `largest`."""
-    if tolerance.is_clear(errors.times(largest)):
+class _ErrorSearch:
+    """Search for the largest errors that a design tolerates and the smallest that violate it."""
+
+    def __init__(self, found: Findings, tolerance: Tolerance) -> None:
+        self._found, self._mount, self._tolerance = found, found.sheet.mount, tolerance
+
+    def limit(self, errors: Errors, largest: float, unit: float) -> Limit | None:
+        """Return the largest factor on errors proven to violate nothing, times a unit; None if beyond `largest`."""
+        if self._tolerance.is_clear(errors.times(largest)):
+            return None
+        nominal = self._tolerance.weakest(Errors())
+        if nominal.bound <= BOUND_ROUNDING:
+            return Limit(**_pair(nominal.check), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
+        low, high = 0.0, largest
+        while high - low > SEARCH.accuracy * high and high > 1e-12:
+            # divide by four until a lower bound is known, then bisect
+            middle = 0.25 * high if low == 0.0 else (low + high) / 2
+            low, high = (middle, high) if self._tolerance.is_clear(errors.times(middle)) else (low, middle)
+        first, factor = self._first_violation(errors, high, largest)
+        violated_at = None if factor is None else factor * unit
+        return Limit(**_pair(first.check), tolerated=low * unit, violated_at=violated_at)
+
+    def worst_case(self, errors: Errors) -> WorstCase:
+        """Return the bound on all clearances within errors of a given size, and an example."""
+        weakest = self._tolerance.weakest(errors)
+        attained = self._example_clearance(weakest, errors)
+        status = Status.CLEAR if weakest.bound > BOUND_ROUNDING else Status.UNDECIDED
+        if attained < -BOUND_ROUNDING:
+            status = Status.VIOLATED
+        if attained < weakest.bound - BOUND_ROUNDING:
+            status = Status.INCONSISTENT
+        return WorstCase(
+            **_pair(weakest.check),
+            status=status,
+            lower_m=weakest.bound * self._found.scene.l_arm,
+            attained_m=attained * self._found.scene.l_arm,
+            factor=self.limit(errors, SEARCH.largest_factor, 1.0),
+        )
+
+    def _first_violation(self, errors: Errors, proven: float, largest: float) -> tuple[Weakest, float | None]:
+        """Return the pair with the smallest factor at which an example violates it, and that factor.
+
+        If no example violates any pair, return the pair whose bound vanishes first, and None.
+        """
+        first = self._tolerance.weakest(errors.times(proven))
+        smallest = self._violating_factor(first, errors, proven, largest)
+        reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if smallest is None else smallest
+        weakest = first.check
+        for candidate in self._tolerance.checks_up_to(errors.times(reach), 0.0):
+            if candidate.check is weakest:
+                continue
+            if smallest is None:
+                factor = self._violating_factor(candidate, errors, proven, largest)
+            elif self._example_clearance(candidate, errors.times(smallest)) < 0:
+                factor = self._crossing(candidate, errors, proven, smallest)
+            else:
+                continue
+            if factor is not None:
+                first, smallest = candidate, factor
+        return first, smallest
+
+    def _crossing(self, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
+        """Bisect for the factor at which an example starts to violate the pair; it does at the result."""
+        while high - low > SEARCH.crossing * high:
+            middle = (low + high) / 2
+            violated = self._example_clearance(weakest, errors.times(middle)) < 0
+            low, high = (low, middle) if violated else (middle, high)
+        return high
+
+    def _violating_factor(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
+        """Return a factor near the smallest that violates the pair, found by secant steps; None without one."""
+        previous, previous_clearance = 0.0, self._example_clearance(weakest, Errors())
+        for _ in range(SEARCH.trials):
+            clearance = self._example_clearance(weakest, errors.times(factor))
+            if clearance < 0:
+                return self._crossing(weakest, errors, previous, factor)
+            slope = (previous_clearance - clearance) / (factor - previous)
+            step = clearance / slope if slope > 0 else factor
+            previous, previous_clearance = factor, clearance
+            target = factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor)
+            factor = min(target, SEARCH.leap * factor, largest)
+            if factor == previous:
+                break
         return None
-    nominal = tolerance.weakest(Errors())
-    if nominal.bound <= BOUND_ROUNDING:
-        return Limit(**_pair(nominal.check), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
-    low, high = 0.0, largest
-    while high - low > SEARCH.accuracy * high and high > 1e-12:
-        # divide by four until a lower bound is known, then bisect
-        middle = 0.25 * high if low == 0.0 else (low + high) / 2
-        low, high = (middle, high) if tolerance.is_clear(errors.times(middle)) else (low, middle)
-    first, factor = _first_violation(tolerance, errors, high, largest)
-    violated_at = None if factor is None else factor * unit
-    return Limit(**_pair(first.check), tolerated=low * unit, violated_at=violated_at)
 
+    def _example_clearance(self, weakest: Weakest, errors: Errors) -> float:
+        """Return the smallest exact clearance of a pair over its examples, scaled to the errors [l_arm]."""
+        l_arm, scene, distinct = self._found.scene.l_arm, self._found.scene, dict[bytes, Example]()
+        for example in weakest.examples:
+            scaled = Example(errors.delta * example.turns, errors.delta_p * l_arm * example.shifts)
+            distinct[b"".join((x + 0.0).tobytes() for x in scaled)] = scaled  # + 0.0: no zero is negative
+        scenes = (deviate(scene, *x, envelope=errors.delta_e * l_arm, mount=self._mount) for x in distinct.values())
+        pairs = [self._counterpart(scene, weakest.check) for scene in scenes]
+        return min((clearance_of(pair) for pair in pairs if pair is not None), default=math.inf)
 
-def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
-    """Return the bound on all clearances within errors of a given size, and an example."""
-    weakest = tolerance.weakest(errors)
-    attained = _example_clearance(tolerance, weakest, errors)
-    status = Status.CLEAR if weakest.bound > BOUND_ROUNDING else Status.UNDECIDED
-    if attained < -BOUND_ROUNDING:
-        status = Status.VIOLATED
-    if attained < weakest.bound - BOUND_ROUNDING:
-        status = Status.INCONSISTENT
-    return WorstCase(
-        **_pair(weakest.check),
-        status=status,
-        lower_m=weakest.bound * tolerance.scene.l_arm,
-        attained_m=attained * tolerance.scene.l_arm,
-        factor=_limit(tolerance, errors, SEARCH.largest_factor, 1.0),
-    )
-
-
-def _first_violation(
-    tolerance: Tolerance, errors: Errors, proven: float, largest: float
-) -> tuple[Weakest, float | None]:
-    """Return the pair with the smallest factor at which an example violates it, and that factor.
-
-    If no example violates any pair, return the pair whose bound vanishes first, and None.
-    """
-    first = tolerance.weakest(errors.times(proven))
-    smallest = _violating_factor(tolerance, first, errors, proven, largest)
-    reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if smallest is None else smallest
-    weakest = first.check
-    for candidate in tolerance.checks_up_to(errors.times(reach), 0.0):
-        if candidate.check is weakest:
-            continue
-        if smallest is None:
-            factor = _violating_factor(tolerance, candidate, errors, proven, largest)
-        elif _example_clearance(tolerance, candidate, errors.times(smallest)) < 0:
-            factor = _crossing(tolerance, candidate, errors, proven, smallest)
-        else:
-            continue
-        if factor is not None:
-            first, smallest = candidate, factor
-    return first, smallest
-
-
-def _crossing(tolerance: Tolerance, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
-    """Bisect for the factor at which an example starts to violate the pair; it does at the result."""
-    while high - low > SEARCH.crossing * high:
-        middle = (low + high) / 2
-        violated = _example_clearance(tolerance, weakest, errors.times(middle)) < 0
-        low, high = (low, middle) if violated else (middle, high)
-    return high
-
-
-def _violating_factor(
-    tolerance: Tolerance, weakest: Weakest, errors: Errors, factor: float, largest: float
-) -> float | None:
-    """Return a factor near the smallest that violates the pair, found by secant steps; None if none is found."""
-    previous, previous_clearance = 0.0, _example_clearance(tolerance, weakest, Errors())
-    for _ in range(SEARCH.trials):
-        clearance = _example_clearance(tolerance, weakest, errors.times(factor))
-        if clearance < 0:
-            return _crossing(tolerance, weakest, errors, previous, factor)
-        slope = (previous_clearance - clearance) / (factor - previous)
-        step = clearance / slope if slope > 0 else factor
-        previous, previous_clearance = factor, clearance
-        target = factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor)
-        factor = min(target, SEARCH.leap * factor, largest)
-        if factor == previous:
-            break
-    return None
-
-
-def _example_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> float:
-    """Return the smallest exact clearance of a pair over its examples, scaled to the errors [l_arm]."""
-    l_arm, scene, distinct = tolerance.scene.l_arm, tolerance.scene, dict[bytes, Example]()
-    for example in weakest.examples:
-        scaled = Example(errors.delta * example.turns, errors.delta_p * l_arm * example.shifts)
-        distinct[b"".join((x + 0.0).tobytes() for x in scaled)] = scaled  # + 0.0: no zero is negative
-    scenes = (deviate(scene, *x, envelope=errors.delta_e * l_arm, mount=tolerance.mount) for x in distinct.values())
-    pairs = [counterpart(scene, tolerance.mount, weakest.check) for scene in scenes]
-    return min((clearance_of(pair) for pair in pairs if pair is not None), default=math.inf)
+    def _counterpart(self, scene: Scene, other: AnyCheck) -> AnyCheck | None:
+        """Return the check that corresponds to one of another platform of the same task and tree, if any."""
+        if other.kind == "airflow":  # thousands for a hundred modules, too many to search
+            envelopes = scene.envelopes
+            return ClearanceRequirement("airflow", other.a, other.b, envelopes[other.a], envelopes[other.b])
+        (group,) = (group for group in self._found.clearances if other.kind in group.kinds)
+        return next((check for check in group.checks(scene, self._mount) if check.key == other.key), None)
 
 
 def deviate(scene: Scene, turns: Array, shifts: Array, *, envelope: float, mount: Mount | None) -> Scene:

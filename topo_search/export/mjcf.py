@@ -47,8 +47,8 @@ from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of
 from topo_search.model.module import TIP, Module
 from topo_search.model.shape import Shape
-from verify.contacts import tip_distances
 from verify.kinematics import Platform, platform
+from verify.solid_regions import tip_distances
 
 COLLISION = "3"
 """Group of geoms used only for contacts, which viewers hide by default."""
