@@ -16,14 +16,12 @@ from nlp.numbers.geometry import fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import Module, Status, Task, Topology
+from topo_search.model.folds import FOLD, folds_text, nearest_fold
 from topo_search.model.room import (
-    FOLD,
     airflow_folds,
     body_radius,
     clear_folds,
-    folds_text,
     largest_hinge_angle,
-    nearest_fold,
     part_cover,
     whole_cover,
 )

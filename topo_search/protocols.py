@@ -20,7 +20,7 @@ from pydantic import ValidationError
 
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.design import Stated
-from topo_search.model.room import FOLD
+from topo_search.model.folds import FOLD
 from topo_search.model.value import faults_of
 
 Expression = Any

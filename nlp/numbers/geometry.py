@@ -37,7 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import AirflowEnvelope, Module, ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
-from topo_search.model.room import FOLD, Folds, nearest_fold
+from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 
 QUARTER_TURNS = np.array(

@@ -14,9 +14,8 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
 from topo_search.model.design import Design, Geometry
-from topo_search.model.mesh_file import Folder
 from topo_search.model.task import Task
-from topo_search.model.text import NotReadable, apply_settings, json_data, read_text, toml_data
+from topo_search.model.text import Folder, NotReadable, apply_settings, json_data, read_text, toml_data
 from topo_search.model.value import BadInput, Fault, as_bad_input, faults_of, nearest
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -11,7 +11,6 @@ import re
 from codecs import BOM_UTF8
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Never, TypeVar
@@ -24,7 +23,7 @@ from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, has_volume, quickhull
-from topo_search.model.text import read_regular
+from topo_search.model.text import Folder, read_regular
 from topo_search.model.value import (
     Broken,
     Index,
@@ -54,13 +53,6 @@ LOOP = rb"outer\s+loop" + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)" + rb"\s+endl
 CONVEX = 1e-6
 """Distance of a corner beyond a face, over the size, up to which a body is convex: single precision."""
 NO_VOLUME = "must be the mesh of a body with a volume"
-
-
-@dataclass(frozen=True)
-class Folder:
-    """Validation context that allows a task to name files: the folder that contains them."""
-
-    path: Path
 
 
 class MeshFile(Value):

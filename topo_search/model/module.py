@@ -93,6 +93,13 @@ from topo_search.model.value import (
 
 TIP = 2.0
 """Length of a rod's tip [rod radii]."""
+INWARDS = 0.2
+"""Depth behind the connector's plane to which bolted frames may touch [l_c]: 30 mm for the default module.
+
+A frame as high as the default hub at its connector needs 20 mm when folded by 90 degrees.
+"""
+OUTWARDS = 0.05
+"""The same in front of that plane [l_c]: room for a fitting, 7.5 mm for the default module."""
 
 Position = Annotated[Literal["free"] | Literal["com"] | Vector, OneOf('must be "free", "com" or [x, y, z]')]
 Reach = Annotated[Positive | Literal[False], OneOf("must be a length in metres or false")]

@@ -19,11 +19,9 @@ a rotor and a frame it is conservative, because this view drops one dimension.
 | beta_r | largest elevation of rotors above the line to the centre, seen from the axis | rad |
 | beta | the same for all parts beyond d | rad |
 
-The fold of a hinge is its angle with a sign that does not depend on the ports: positive if the upper sides of the
-two modules lean towards each other and their airflows apart. `largest_hinge_angle` bounds it in closed form. If
-that leaves no angle, rotors may reach beyond the hinge axis, between the arms of the neighbour: then `clear_folds`
-searches for clear angles and certifies intervals of them. There can be several intervals, and none of them may
-contain 0.
+`largest_hinge_angle` bounds the fold of a hinge (`topo_search.model.folds`) in closed form. If that leaves no
+angle, rotors may reach beyond the hinge axis, between the arms of the neighbour: then `clear_folds` searches for
+clear angles and certifies intervals of them. There can be several intervals, and none of them may contain 0.
 
 For every unit vector u, the distance of two convex parts A and B is at least min_B u . x - max_A u . x. If this is
 s at the fold phi, it is at least s - rho h within phi +- h, where rho is the largest distance of points of A, or of
@@ -75,20 +73,11 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array, read_only
+from topo_search.model.folds import LENGTH_ROUNDING, Folds, join
 from topo_search.model.module import AirflowEnvelope, Module
-from topo_search.model.proven import excess_texts
 
-LENGTH_ROUNDING = 1e-9
-"""Allowance for rounding, relative to a length, or for an angle [rad]."""
 LARGE = 4.0
 """Largest usual length at the end-effector, such as its rod or stand-off [packed widths]."""
-INWARDS = 0.2
-"""Depth behind the connector's plane to which bolted frames may touch [l_c]: 30 mm for the default module.
-
-A frame as high as the default hub at its connector needs 20 mm when folded by 90 degrees.
-"""
-OUTWARDS = 0.05
-"""The same in front of that plane [l_c]: room for a fitting, 7.5 mm for the default module."""
 FINEST = 0.25
 """Largest radius of balls around parts other than rotors, unless that takes more than `MOST_BOXES` [l_arm]."""
 MOST_BOXES = 24
@@ -191,13 +180,6 @@ def _frame_edges(module: Module) -> Array:
     return np.concatenate([box[pairs] for box in frame_pieces(module)])
 
 
-Folds = tuple[tuple[float, float], ...]
-"""Closed intervals of fold angles, in ascending order [rad]."""
-
-FOLD = (-1.0, 1.0, 1.0, -1.0)
-"""Sign of the fold of a positive hinge angle at the parent's port +x, +y, -x, -y."""
-
-
 @lru_cache(maxsize=32)
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:
     """Return the fold angles within +-pi/2 at which rotors of bolted modules are clear, at any ports [rad].
@@ -210,33 +192,6 @@ def clear_folds(module: Module, margin: float = 0.0) -> Folds:
     """
     turn = largest_hinge_angle(module, margin)
     return ((-turn, turn),) if turn > 0 else _search_clear_folds(module, margin)
-
-
-def nearest_fold(folds: Folds, phi: Array) -> Array:
-    """Return the clear fold nearest to each angle; 0 if no fold is clear."""
-    if not folds:
-        return np.zeros_like(phi)
-    clipped = np.array([np.clip(phi, low, high) for low, high in folds])
-    choice = np.argmin(np.abs(clipped - phi), axis=0)
-    return np.asarray(np.take_along_axis(clipped, choice[None], axis=0)[0])
-
-
-def intersect(some: Folds, others: Folds) -> Folds:
-    """Return the intersection of two sets of intervals."""
-    both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
-    return tuple(sorted((low, high) for low, high in both if low <= high))
-
-
-def folds_text(folds: Folds, unit: str) -> str:
-    """Return the ranges of folds in words, in degrees with a suffix for the unit, rounded to the safe side."""
-    mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
-    ranges = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
-    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ranges]
-    texts = [f"{low} to {high}{unit}" for high, low in limits]
-    if mirrored and ranges[0][0] == 0:
-        texts[0] = f"at most {limits[0][0]}{unit}"
-    text = " or ".join(texts)
-    return text if mirrored else f"{text}, positive if airflows lean apart"
 
 
 @dataclass(frozen=True)
@@ -308,20 +263,6 @@ def _clear_intervals(
         h /= 2
         phi = np.concatenate([open_ - h, open_ + h])
     return clear
-
-
-def join(intervals: list[tuple[float, float]]) -> Folds:
-    """Return the union of intervals, with adjacent ones joined."""
-    joined: list[tuple[float, float]] = []
-    for low, high in sorted(intervals):
-        if joined and low - joined[-1][1] < LENGTH_ROUNDING:
-            low, _ = joined.pop()
-        joined.append((low, high))
-    limit = math.pi / 2
-    return tuple(
-        (-limit if limit + low < LENGTH_ROUNDING else low, limit if limit - high < LENGTH_ROUNDING else high)
-        for low, high in joined
-    )
 
 
 def _pairs(module: Module) -> list[tuple[_Part, _Part]]:

@@ -20,18 +20,16 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.features import GOALS, TASK_RULES, AskedFlight, Goals, Level, Tolerances
+from topo_search.model.folds import Folds, folds_text, intersect
 from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,
     Balls,
-    Folds,
     airflow_folds,
     body_radius,
     clear_folds,
-    folds_text,
-    intersect,
     packed_width,
     part_cover,
     whole_cover,

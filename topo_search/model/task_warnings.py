@@ -31,10 +31,11 @@ from itertools import chain, starmap
 from typing import Any, NamedTuple
 
 from topo_search.limits import quantity
+from topo_search.model.folds import folds_text
 from topo_search.model.load_case import LoadCase
-from topo_search.model.module import Body, Module
+from topo_search.model.module import OUTWARDS, Body, Module
 from topo_search.model.proven import excess_texts, upper_text
-from topo_search.model.room import LARGE, OUTWARDS, bracket_obstacle, folds_text, frame_reach, packed_width
+from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width
 from topo_search.model.task import Task
 from topo_search.model.value import Value, show
 

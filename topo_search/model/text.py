@@ -12,6 +12,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +22,13 @@ from topo_search.model.value import BadInput, Fault, show
 
 class NotReadable(ValueError):
     """File that is refused; the message names the rule and what was found."""
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Validation context that allows a task to name files: the folder that contains them."""
+
+    path: Path
 
 
 def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
