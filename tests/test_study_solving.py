@@ -9,7 +9,7 @@ from ledger_edit import altered
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Candidates, ExhaustiveSearch, Job, Proposal, Strategy
+from topo_search.engine import WAIT, Candidates, ExhaustiveSearch, Job, Proposal, Strategy
 from topo_search.model import BadInput, Task, Topology
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.run import solve_proposals
@@ -20,23 +20,29 @@ class Scripted(Strategy):
     """Proposes what a script says, and keeps the results that it was told."""
 
     def __init__(self, script, space):
-        self.script, self.space, self.told = script, space, []
         super().__init__()
+        self.told = []
+        self.script = script(space, self.told)
+        self.proposals, self.open = [*next(self.script)], 0
 
-    def proposals(self):
-        yield from self.script(self, self.space, self.told)
+    def ask(self):
+        if not self.proposals:
+            if len(self._results) < self.open:
+                return WAIT
+            scores, self._results, self.open = self._results, [], 0
+            try:
+                self.proposals = [*self.script.send(scores)]
+            except StopIteration:
+                return None
+        self.open += 1
+        return self.proposals.pop(0)
 
-    def scores_of(self, *proposals):
-        """Propose candidates, and return their results."""
-        yield from proposals
-        return (yield from self.results(len(proposals)))
 
-
-def halving(strategy, space, told):
+def halving(space, told):
     """Propose all candidates, then the better half of them from more starts, and so on."""
     proposals, starts = [Proposal(candidate, 1) for candidate in space.candidates()], 1
     while len(proposals) > 1:
-        scores = yield from strategy.scores_of(*proposals)
+        scores = yield proposals
         told.append(scores)
         assert [scored.key for scored in scores] == [proposal.candidate.key for proposal in proposals]
         assert all(scored.starts >= starts for scored in scores)
@@ -94,11 +100,11 @@ def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
         assert scored.violation == pytest.approx(toy_problem.value(scored.key, 0, 0, 1e-4) / unit)
 
 
-def warm_starting(strategy, space, told):
+def warm_starting(space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
-    told.append((yield from strategy.scores_of(Proposal(first, 1))))
-    told.append((yield from strategy.scores_of(Proposal(second, 3, warm_starts=(first.key,)), Proposal(third, 1))))
-    told.append((yield from strategy.scores_of(Proposal(first, 2), Proposal(third, 3, warm_starts=(second.key,)))))
+    told.append((yield [Proposal(first, 1)]))
+    told.append((yield [Proposal(second, 3, warm_starts=(first.key,)), Proposal(third, 1)]))
+    told.append((yield [Proposal(first, 2), Proposal(third, 3, warm_starts=(second.key,))]))
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
@@ -116,11 +122,11 @@ def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
 
 
 def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
-    def carried_over_alone(strategy, space, told):
+    def carried_over_alone(space, told):
         first, second, third = itertools.islice(space.candidates(), 3)
-        told.append((yield from strategy.scores_of(Proposal(first, 1), Proposal(second, 1))))
-        told.append((yield from strategy.scores_of(Proposal(third, 2, warm_starts=(first.key, second.key)))))
-        told.append((yield from strategy.scores_of(Proposal(third, 4))))
+        told.append((yield [Proposal(first, 1), Proposal(second, 1)]))
+        told.append((yield [Proposal(third, 2, warm_starts=(first.key, second.key))]))
+        told.append((yield [Proposal(third, 4)]))
 
     ended, told = run_strategy(tmp_path / "run", strategy=carried_over_alone)
     lines = [line.split() for line in log.read_text().splitlines()]

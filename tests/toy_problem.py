@@ -20,7 +20,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from topo_search.engine import Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
+from topo_search.engine import WAIT, Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
 from topo_search.model import (
     Audit,
     Design,
@@ -225,7 +225,10 @@ def toy_solved(key, task=None, starts=1):
 def follow(strategy, solver):
     """Let a solver answer what a strategy proposes, each result when the strategy needs it."""
     stage = None
-    for proposal in strategy.propose(lambda _: solver.results(1)[0]):
+    while (proposal := strategy.ask()) is not None:
+        if proposal == WAIT:
+            strategy.tell(*solver.results(1))
+            continue
         if strategy.stage is not stage:
             stage = strategy.stage
             solver.begin_stage(*stage)

@@ -57,13 +57,10 @@ def resume(path: Path, request: Request, n: int) -> None:
     space = request.space(n)
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        candidates = ProposedJobs(
-            ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, SilentObserver()
-        )
-        laps.append(("reading known results", time.process_time()))
-        if next(candidates.jobs(), None) is None:
+        jobs = ProposedJobs(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, SilentObserver())
+        if next(jobs) is None:
             raise SystemExit("no job is pending: the ledger holds all candidates")
-        laps.append(("enumerating and answering known candidates", time.process_time()))
+        laps.append(("reading known results, and enumerating and answering their candidates", time.process_time()))
     previous = 0.0
     for name, end in laps:
         print(f"{name:45}{end - previous:8.2f} s")

@@ -141,9 +141,11 @@ def simulate(space: Candidates, jobs: list[Job], size: int, trials: int, workers
     search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
     solver = SimulatedWorkers(jobs, workers)
     with suppress(StopIteration):
-        for proposal in search.propose(lambda _: solver.results(1)[0]):
-            if proposal is not None:
+        while (proposal := search.ask()) is not None:
+            if isinstance(proposal, Proposal):
                 solver.submit(proposal, again=search.stage is not None and search.stage.is_repeat)
+            else:
+                search.tell(*solver.results(1))
     spans = solver.spans
     last, end = max(start for start, _ in spans), max(solver.free)
     shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))

@@ -17,7 +17,6 @@ import csv
 import math
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from statistics import median
@@ -230,12 +229,10 @@ def explore(
     search = OptunaSearch(
         space, sampler=method.sampler, trials=trials, round_size=method.round_size, starts=starts, seed=seed
     )
-    results = deque[Tried]()
-    for proposal in search.propose(lambda _: results.popleft()):
-        if proposal is not None:
-            results.append(source(proposal))
-            if is_done(source):
-                return
+    while isinstance(proposal := search.ask(), Proposal):
+        search.tell(source(proposal))
+        if is_done(source):
+            return
 
 
 if __name__ == "__main__":

@@ -2,10 +2,12 @@
 
 from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.strategy import (
+    WAIT,
     Candidates,
     ExhaustiveSearch,
     ListedCandidates,
     Proposal,
+    Stage,
     Strategy,
     Tried,
     may_beat,

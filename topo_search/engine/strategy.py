@@ -1,8 +1,8 @@
 """Search strategies: their interface, the exhaustive search, their candidates, and the user's samplers.
 
-A strategy proposes candidates and receives their results in the order of its proposals, whichever job finishes
+A strategy is asked for proposals and told their results, in the order of its proposals, whichever job finishes
 first. It knows neither workers nor files, and it is deterministic: the same results lead to the same proposals. So
-a killed run replays its proposals from the ledger, and the number and speed of workers do not affect the proposals.
+a killed run is resumed by telling it the results of the ledger, and the number and speed of workers do not matter.
 
 An exhaustive search gives all candidates the same number of starts: after a few starts, a tree's best effort says
 little about what more starts will find, and giving more to the leading trees finds the best designs less reliably
@@ -17,11 +17,11 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from random import Random
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, Literal, NamedTuple, Protocol, runtime_checkable
 
 from topo_search.engine.workers import rounds
 from topo_search.model import ResolvedTask, Topology
@@ -72,49 +72,31 @@ class Stage(NamedTuple):
     """True if the candidates were proposed before, with fewer starts."""
 
 
+WAIT: Final = "wait"
+"""What a strategy says while its next proposal depends on results that it was not told yet."""
+
+
 class Strategy(ABC):
     """Proposes candidates and learns from their results."""
 
     stage: Stage | None = None
     """Stage of the latest proposal."""
-    is_finished = False
-    """True after the last proposal, once all results were received."""
 
     def __init__(self) -> None:
-        self._open = deque[Proposal]()
-        """Proposals whose results were not received yet."""
-
-    def propose(self, result_of: Callable[[Proposal], Tried | None]) -> Iterator[Proposal | None]:
-        """Yield proposals; None while the next one depends on results that are not known yet.
-
-        Args:
-            result_of: returns the result of a proposal; None while it is not known.
-        """
-        self._result_of = result_of
-        for proposal in self.proposals():
-            if proposal is not None:
-                self._open.append(proposal)
-            yield proposal
-        self.is_finished = True
+        self._results = list[Tried]()
+        """Results that were told and not used yet."""
 
     @abstractmethod
-    def proposals(self) -> Iterator[Proposal | None]:
-        """Yield the proposals; same as `propose`."""
+    def ask(self) -> Proposal | Literal["wait"] | None:
+        """Return the next proposal; WAIT if results must be told before it; None after the last result."""
 
-    def results(self, number: int) -> Generator[None, None, list[Tried]]:
-        """Return the next `number` results in the order of their proposals (with `yield from`)."""
-        results = list[Tried]()
-        while len(results) < number:
-            if (result := self._result_of(self._open[0])) is None:
-                yield None
-            else:
-                self._open.popleft()
-                results.append(result)
-        return results
+    def tell(self, result: Tried) -> None:
+        """Take the result of the earliest proposal without one."""
+        self._results.append(result)
 
 
 class ExhaustiveSearch(Strategy):
-    """Solves every candidate."""
+    """Solves every candidate, then with more starts those that may still win."""
 
     lookahead = 32
     """Number of candidates proposed before the results that may prune them are known."""
@@ -129,36 +111,41 @@ class ExhaustiveSearch(Strategy):
             bound: lower bound of all objectives; a design that reaches it ends the search.
         """
         super().__init__()
-        self._space = space
-        self._stops = [part.stop for part in rounds(starts, starts, timed=timed)]
-        self._bound = bound
+        self._stops = deque(part.stop for part in rounds(starts, starts, timed=timed))
+        self._candidates = space.candidates()  # there may be millions: enumerated as they are solved
+        self._proposed = list[Candidate]()
+        self._best, self._bound, self._prunes = math.inf, bound, math.isfinite(bound)
+        self.stage = Stage(space.count(), self._stops[0])
 
-    def proposals(self) -> Iterator[Proposal | None]:
-        """Yield every candidate, then those that may still win with more starts."""
-        bound, (first, *later) = self._bound, self._stops
-        self.stage = Stage(self._space.count(), first)
-        candidates, scores, best = list[Candidate](), list[Tried](), math.inf
-        for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
-            if math.isfinite(bound) and len(candidates) - len(scores) == self.lookahead:
-                scores += yield from self.results(1)
-                best = min(best, _best_objective(scores[-1:]))
-            if not may_beat(best, bound):
-                break
-            candidates.append(candidate)
-            yield Proposal(candidate, first)
-        scores += yield from self.results(len(candidates) - len(scores))
-        for stop in later:
-            best = min(best, _best_objective(scores))
-            candidates = [
-                candidate
-                for candidate, score in zip(candidates, scores, strict=True)
-                if score.status in ("feasible", "infeasible") and may_beat(best, bound)
-            ]
-            if candidates:
-                self.stage = Stage(len(candidates), stop, is_repeat=True)
-            for candidate in candidates:
-                yield Proposal(candidate, stop)
-            scores = yield from self.results(len(candidates))
+    def ask(self) -> Proposal | Literal["wait"] | None:
+        """Propose the next candidate of a stage, or begin the next stage."""
+        while self._stops:
+            latest = len(self._proposed) - self.lookahead
+            if self._prunes and latest >= 0:
+                if latest >= len(self._results):
+                    return WAIT
+                self._best = min(self._best, _best_objective([self._results[latest]]))
+            if may_beat(self._best, self._bound) and (candidate := next(self._candidates, None)) is not None:
+                self._proposed.append(candidate)
+                return Proposal(candidate, self._stops[0])
+            if len(self._results) < len(self._proposed):
+                return WAIT
+            self._end_stage()
+        return None
+
+    def _end_stage(self) -> None:
+        """Select the candidates that may still win for the next stage, if there is one."""
+        self._best = min(self._best, _best_objective(self._results))
+        remaining = [
+            candidate
+            for candidate, result in zip(self._proposed, self._results, strict=True)
+            if result.status in ("feasible", "infeasible") and may_beat(self._best, self._bound)
+        ]
+        self._candidates, self._proposed, self._results = iter(remaining), [], []
+        self._prunes = False  # the remaining candidates are few
+        self._stops.popleft()
+        if self._stops and remaining:
+            self.stage = Stage(len(remaining), self._stops[0], is_repeat=True)
 
 
 def may_beat(objective: float, bound: float) -> bool:

@@ -140,13 +140,11 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
 
 def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> bool:
     """Solve and record what a strategy proposes; return whether it finished in time."""
-    proposals = ProposedJobs(strategy, folder, n, lower_bound, tools.observer)
-    jobs = proposals.jobs()
+    jobs = ProposedJobs(strategy, folder, n, lower_bound, tools.observer)
     with closing(tools.solve(jobs)) as outcomes:
         for job, outcome in outcomes:
-            proposals.record(job, outcome)
-    next(jobs, None)  # the ledger may answer all proposals, even if there was no time to draw a job
-    return strategy.is_finished
+            jobs.record(job, outcome)
+    return jobs.is_finished
 
 
 def share_time(tools: Tools, parts: int) -> Tools:

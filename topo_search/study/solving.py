@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from bisect import bisect_left
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,6 +26,7 @@ from topo_search.engine import (
     Job,
     Outcome,
     Proposal,
+    Stage,
     Strategy,
     Tried,
     audit_deadline,
@@ -81,13 +82,19 @@ def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: b
     )
 
 
-class ProposedJobs:
-    """Turns a strategy's proposals into jobs, and feeds the outcomes back to it through the ledger."""
+class ProposedJobs(Iterator[Job | None]):
+    """The jobs of a strategy's proposals; None while the next one depends on jobs that are running.
+
+    Results that the ledger already holds are told to the strategy at once, those of jobs once they are recorded.
+    """
+
+    is_finished = False
+    """True once the strategy was told the results of all its proposals."""
 
     def __init__(
         self, strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, observer: Observer
     ) -> None:
-        """Read the earlier results of all candidates of n modules."""
+        """Read the earlier results of all candidates of n modules, and ask for the first job."""
         request, ledger = folder.request, folder.ledger
         self._strategy = strategy
         self._ledger = ledger
@@ -104,20 +111,17 @@ class ProposedJobs:
         self._scores = defaultdict[str, list[Tried]](list)
         for score in ledger.scores(context):
             self._scores[score.key].append(score)
+        self._stage: Stage | None = None
+        self._open = deque[Proposal]()
+        """Proposals whose results were not told yet."""
+        self._next = self._ask()
 
-    def jobs(self) -> Iterator[Job | None]:
-        """Yield the jobs to solve; None while the next one depends on jobs that are running."""
-        stage = None
-        for proposal in self._strategy.propose(self._result):
-            if self._strategy.stage is not stage:
-                self._begin_stage(stage.starts if stage else 0)
-                stage = self._strategy.stage
-            if proposal is None:
-                yield None
-            elif self._result(proposal) is None:
-                yield self._job(proposal)
-            else:
-                self._report(proposal.candidate.key, known=True)
+    def __next__(self) -> Job | None:
+        """Return the next job, and ask for the one after it."""
+        job = self._next
+        if job is not None:
+            self._next = self._ask()
+        return job
 
     def record(self, job: Job, outcome: Outcome) -> None:
         """Record the outcome of a job, for the ledger and for the strategy."""
@@ -126,9 +130,32 @@ class ProposedJobs:
         designs = [r for r in (self._incumbent, row) if r is not None and r.objective is not None]
         self._incumbent = min(designs, key=lambda r: (r.objective, r.key), default=None)
         self._report(row.key)
+        self._tell()
+        if self._next is None:
+            self._next = self._ask()
 
-    def _begin_stage(self, starts_before: int) -> None:
-        if (stage := self._strategy.stage) is None:
+    def _ask(self) -> Job | None:
+        """Return a job for the next proposal whose result is not known."""
+        while isinstance(proposal := self._strategy.ask(), Proposal):
+            if self._strategy.stage is not self._stage:
+                self._begin_stage()
+            self._open.append(proposal)
+            if self._result(proposal) is None:
+                return self._job(proposal)
+            self._report(proposal.candidate.key, known=True)
+            self._tell()
+        self.is_finished = proposal is None
+        return None
+
+    def _tell(self) -> None:
+        """Tell the strategy the results that are known, in the order of its proposals."""
+        while self._open and (result := self._result(self._open[0])) is not None:
+            self._open.popleft()
+            self._strategy.tell(result)
+
+    def _begin_stage(self) -> None:
+        starts_before, self._stage = self._stage.starts if self._stage else 0, self._strategy.stage
+        if (stage := self._stage) is None:
             return
         name: PhaseName = "polishing" if stage.is_repeat else "searching"
         before = starts_before if stage.is_repeat and starts_before != stage.starts else 0

@@ -26,7 +26,7 @@ from copy import copy
 from dataclasses import replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import optuna
 from optuna import Study
@@ -51,6 +51,7 @@ from topo_search.engine.proposals.trials import (
     violation,
 )
 from topo_search.engine.strategy import (
+    WAIT,
     Candidates,
     Proposal,
     SamplerFactory,
@@ -103,60 +104,78 @@ class OptunaSearch(Strategy):
         self._proposer = sampler_of(sampler, space, starts=starts, seed=seed, round_size=round_size)
         self._study = _new_study(sampler=self._proposer)
         self._journal = None if journal is None else _new_journal(journal)
-        self._stops = [part.stop for part in rounds(starts, starts, timed=timed)]
+        self._stops = deque(part.stop for part in rounds(starts, starts, timed=timed))
+        self._ladder = [*steps(starts, self._proposer.first_starts)]
+        self._remaining = min(trials, space.count())
+        self._batch = min(round_size, max(MIN_RESULTS, round_size // RESULT_DIVISOR))
+        self._open, self._promoted = deque[Drawn](), deque[Drawn]()
+        self._repeats, self._repeated = deque[Proposal](), 0
+        """Proposals of the current part of the remaining starts, and the number of those that were made."""
         self._ranks: dict[str, Rank] = {}
         self._solved_starts: dict[str, int] = {}
         """Starts of each candidate so far, by key."""
+        self.stage = Stage(self._remaining, starts)
 
-    def proposals(self) -> Iterator[Proposal | None]:
-        """Yield what the sampler draws, then the remaining starts of the best candidates."""
-        yield from self._draws()
-        best = sorted((score_rank, key) for key, score_rank in self._ranks.items() if score_rank[0] < IMPOSSIBLE)
-        number = HALVING.finalists if self._trials < self._space.count() else None
-        for stop in self._stops:
-            keys = [key for _, key in best[:number] if self._solved_starts[key] < stop]
-            if not keys:
-                continue
-            self.stage = Stage(len(keys), stop, is_repeat=True)
-            for key in keys:
-                yield Proposal(self._space.candidate_of(Topology.from_key(key)), stop)
-            scores = yield from self.results(len(keys))
+    def ask(self) -> Proposal | Literal["wait"] | None:
+        """Propose what the sampler draws, then the remaining starts of the best candidates."""
+        return self._ask_draw() or self._ask_repeat()
+
+    def _ask_draw(self) -> Proposal | Literal["wait"] | None:
+        """Propose what the sampler draws, and more starts of good candidates if it promotes them."""
+        while len(self._open) == self._round_size or not (self._remaining or self._promoted):
+            number = min(self._batch, len(self._open))
+            if not number:
+                return None
+            if len(self._results) < number:
+                return WAIT
+            self._learn(self._results[:number])
+            del self._results[:number]
+        trial, idea = self._promoted.popleft() if self._promoted else _draw(self._study, self._proposer)
+        self._remaining -= idea.key not in self._ranks
+        self._open.append((trial, idea))
+        starts = self._ladder[bisect_right(self._ladder, self._solved_starts.get(idea.key, 0))]
+        return Proposal(self._space.candidate_of(Topology.from_key(idea.key)), starts, idea.warm_starts)
+
+    def _learn(self, scores: Sequence[Tried]) -> None:
+        """Report results to the sampler, except for candidates that get more starts first."""
+        proposer, finished = self._proposer, list[FrozenTrial]()
+        self._ranks |= {score.key: rank(score) for score in scores}
+        self._solved_starts |= {score.key: score.starts for score in scores}
+        ranking = sorted(self._ranks.values()) if proposer.promotes else []
+        for score in scores:
+            trial, _ = self._open.popleft()
+            may_promote = proposer.promotes and score.starts < self._starts
+            if may_promote and is_promoted(score, ranking, bisect_right(self._ladder, score.starts)):
+                self._promoted.append((trial, Idea(score.key)))
+            else:
+                proposer.note_score(trial.number, score)
+                finished.append(_tell(self._study, trial, score))
+        if self._journal is not None:
+            self._journal.add_trials(finished)
+
+    def _ask_repeat(self) -> Proposal | Literal["wait"] | None:
+        """Propose the remaining starts of the best candidates, part by part."""
+        while not self._repeats:
+            if len(self._results) < self._repeated:
+                return WAIT
+            scores, self._results, self._repeated = self._results, [], 0
             self._solved_starts |= {score.key: score.starts for score in scores}
             if self._journal is not None:
                 trials = ((_enqueue_trial(self._study, self._proposer, score.key), score) for score in scores)
                 self._journal.add_trials([_tell(self._study, trial, score) for trial, score in trials])
-
-    def _draws(self) -> Iterator[Proposal | None]:
-        """Yield what the sampler draws, and more starts of good candidates if it promotes them."""
-        proposer, ranks, solved_starts, starts = self._proposer, self._ranks, self._solved_starts, self._starts
-        ladder = [*steps(starts, proposer.first_starts)]
-        remaining = min(self._trials, self._space.count())
-        batch = min(self._round_size, max(MIN_RESULTS, self._round_size // RESULT_DIVISOR))
-        self.stage = Stage(remaining, starts)
-        open_trials, promoted = deque[Drawn](), deque[Drawn]()
-        while remaining or promoted or open_trials:
-            while (remaining or promoted) and len(open_trials) < self._round_size:
-                trial, idea = promoted.popleft() if promoted else _draw(self._study, proposer)
-                remaining -= idea.key not in ranks
-                open_trials.append((trial, idea))
-                next_starts = ladder[bisect_right(ladder, solved_starts.get(idea.key, 0))]
-                candidate = self._space.candidate_of(Topology.from_key(idea.key))
-                yield Proposal(candidate, next_starts, idea.warm_starts)
-            scores = yield from self.results(min(batch, len(open_trials)))
-            ranks |= {score.key: rank(score) for score in scores}
-            solved_starts |= {score.key: score.starts for score in scores}
-            ranking = sorted(ranks.values()) if proposer.promotes else []
-            finished = []
-            for score in scores:
-                trial, _ = open_trials.popleft()
-                may_promote = proposer.promotes and score.starts < starts
-                if may_promote and is_promoted(score, ranking, bisect_right(ladder, score.starts)):
-                    promoted.append((trial, Idea(score.key)))
-                else:
-                    proposer.note_score(trial.number, score)
-                    finished.append(_tell(self._study, trial, score))
-            if self._journal is not None:
-                self._journal.add_trials(finished)
+            if not self._stops:
+                return None
+            stop = self._stops.popleft()
+            best = sorted(
+                (score_rank, key) for key, score_rank in self._ranks.items() if score_rank[0] < IMPOSSIBLE
+            )
+            number = HALVING.finalists if self._trials < self._space.count() else None
+            trees = (Topology.from_key(key) for _, key in best[:number] if self._solved_starts[key] < stop)
+            self._repeats.extend(Proposal(self._space.candidate_of(tree), stop) for tree in trees)
+            if self._repeats:
+                self.stage = Stage(len(self._repeats), stop, is_repeat=True)
+        self._repeated += 1
+        return self._repeats.popleft()
 
 
 Drawn = tuple[optuna.Trial, Idea]
