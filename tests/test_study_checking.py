@@ -14,7 +14,7 @@ from wording import says
 from topo_search.model import BadInput, CheckedChunk, Design, Proof
 from topo_search.model.files import to_json
 from topo_search.study import RunFolder, SilentObserver, check
-from topo_search.study.answer import candidates
+from topo_search.study.tables import candidates
 
 
 class Checker:

@@ -24,7 +24,7 @@ from topo_search.model.goals import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.optima import FRONT_COLUMNS, idle_goals
+from topo_search.study.pareto import FRONT_COLUMNS, idle_goals
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)

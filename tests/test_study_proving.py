@@ -18,8 +18,8 @@ from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.report.task_facts import facts
 from topo_search.study import RunFolder, SilentObserver, answer_of, prove
-from topo_search.study.answer import candidates
-from topo_search.study.proofs import problem, proofs_hold_for, target
+from topo_search.study.proofs import candidates_of, problem, proofs_hold_for, proofs_of, target
+from topo_search.study.tables import candidates
 
 
 class Prover:
@@ -137,7 +137,7 @@ def test_a_complete_proof_stays_until_one_of_a_smaller_gap_is_complete(run, gap)
         proven(run, first, gap=gap, engine=Stopped(40, RuntimeError))
     with RunFolder.load(run) as folder:
         answer = answer_of(folder)
-        shown = {row.key: (state.proof, state.proven_bound) for row, state, _ in folder.candidates(3)}
+        shown = {row.key: (state.proof, state.proven_bound) for row, state, _ in candidates_of(folder, 3)}
     assert shown == {key: (row["proof"], pytest.approx(float(row["proven_bound"]))) for key, row in rows.items()}
     assert answer.sizes[0].candidates_gap == earlier.sizes[0].candidates_gap == pytest.approx(0.03)
     assert not (stopped := proven(run, Prover(), gap=gap, engine=Stopped(0, None))).proven
@@ -224,7 +224,7 @@ def test_a_proof_of_another_task_does_not_count_and_a_damaged_one_is_named(run):
     assert proof.chunks[5].record == bytes([2, 0, 1])
     rewritten(run, f"proof/{file.name}", json.dumps(text | {"cut": "low"}))
     with pytest.raises(BadInput, match=rf"{file.name}.*cut"), RunFolder.load(run) as folder:
-        folder.proofs(3)
+        proofs_of(folder, 3)
 
 
 def test_a_record_that_is_cut_off_is_refused():
@@ -269,7 +269,7 @@ def test_proofs_of_a_run_without_exposure_serve_for_one_with_it(run, tmp_path):
     assert not prover.asked
     assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
     with RunFolder.load(run) as source, RunFolder.load(other) as folder:
-        lent, taken = source.proofs(3), folder.proofs(3)
+        lent, taken = proofs_of(source, 3), proofs_of(folder, 3)
     assert {key: proof.chunks for key, proof in taken.items()} == {key: proof.chunks for key, proof in lent.items()}
     assert {proof.task.name for proof in taken.values()} == {"toy-local"}
     assert proven(other, prover, gap=0.02).sizes == answer.sizes

@@ -12,8 +12,7 @@ from toy_problem import InProcess, solved_keys, toy_run, toy_task
 from topo_search.engine import WAIT, Candidates, ExhaustiveSearch, Job, Proposal, Strategy
 from topo_search.model import BadInput, Task, Topology
 from topo_search.study import Request, RunFolder, SilentObserver
-from topo_search.study.run import solve_proposals
-from topo_search.study.solving import Tools
+from topo_search.study.solving import ProposedJobs, Tools
 
 
 class Scripted(Strategy):
@@ -58,7 +57,10 @@ def run_strategy(path, *, until=math.inf, strategy=halving):
     with RunFolder.open(path, request) as folder:
         folder.ledger.add_context(request.contexts(4)[0], toy_problem.BOUND, None)
         tools = Tools(toy_problem.BACKENDS, InProcess(1), SilentObserver(), until)
-        return solve_proposals(scripted, folder, 4, toy_problem.BOUND, tools), scripted.told
+        jobs = ProposedJobs(scripted, folder, 4, toy_problem.BOUND, tools.observer)
+        for job, outcome in tools.solve(jobs):
+            jobs.record(job, outcome)
+        return jobs.is_finished, scripted.told
 
 
 def test_a_strategy_is_told_the_value_of_every_proposal(tmp_path, log):

@@ -18,6 +18,7 @@ import sys
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from topo_search.engine import WAIT, Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
@@ -36,6 +37,7 @@ from topo_search.model import (
     Wrench,
 )
 from topo_search.study import DEFAULT_ROUND, Request, Row, SilentObserver, UserInputs, run, solve_single
+from topo_search.study.optima import keep_optima
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -203,12 +205,15 @@ def toy_run(
     observer=None,
     backends=BACKENDS,
     listed=None,
+    keep_within=None,
     **options,
 ):
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     asked = task or toy_task(modules)
     own = UserInputs(topologies=listed)
     request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, user_inputs=own)
+    if keep_within is not None:
+        options["after_size"] = [partial(keep_optima, percent=keep_within)]
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
         return run(request, Path(path), backends, engine=engine, observer=observer or SilentObserver(), **options)

@@ -177,7 +177,7 @@ def _write_folder(design: ts.Design, name: str, out: Path, notes: tuple[str, ...
 def _table(source: str, name: str) -> pd.DataFrame | Assembly:
     """Return a table: the candidates of a run, or the clearances or the assembly of an audit or a design."""
     from topo_search.export.audits import clearances
-    from topo_search.study.answer import candidates
+    from topo_search.study.tables import candidates
 
     if name == "assembly":
         return _audit_of(source).assembly

@@ -167,7 +167,7 @@ def prove(
 
     with shown_progress() as observer, needs_extras("--dask"):
         answer = ts.prove(folder, topology=topology, observer=observer, **options.without_none(option_values))
-    from topo_search.study.answer import candidates
+    from topo_search.study.tables import candidates
 
     table = candidates(folder)
     table = table if topology is None else table[table["key"] == topology]

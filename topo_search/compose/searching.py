@@ -43,6 +43,7 @@ from topo_search.study import (
 )
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
+from topo_search.study.optima import keep_optima
 from topo_search.study.progress import solving_seconds
 from topo_search.study.proving import refuse_unprovable
 from topo_search.study.request import digest
@@ -185,7 +186,7 @@ def search(
             prepare=prepare,
             report=write_page,
             prove=None if prove is None else lambda: prove_best(prove),
-            keep_within=keep_within,
+            after_size=[] if keep_within is None else [partial(keep_optima, percent=keep_within)],
         )
 
 

@@ -29,6 +29,7 @@ from topo_search.study import (
     answer_of,
 )
 from topo_search.study.ledger import kind_of
+from topo_search.study.proofs import candidates_of
 
 
 def write_run_page(folder: RunFolder) -> None:
@@ -139,7 +140,7 @@ def _user_inputs(user_inputs: UserInputs) -> Iterator[str]:
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
-    candidates = [candidate for size in answer.sizes for candidate in folder.candidates(size.modules)]
+    candidates = [candidate for size in answer.sizes for candidate in candidates_of(folder, size.modules)]
     rows = [row for row, *_ in candidates]
     charts = []
     for size in answer.sizes:

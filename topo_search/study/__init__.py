@@ -5,7 +5,7 @@ from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import COLUMNS, Row, SolveEvent
 from topo_search.study.ledger_file import LedgerLost
-from topo_search.study.optima import FrontPoint, front
+from topo_search.study.pareto import FrontPoint, front
 from topo_search.study.progress import Observer, Phase, Plan, SilentObserver, TimeLeft
 from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import (

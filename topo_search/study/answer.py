@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.model import Audit, Design, FastAir, Infeasible, Level, Relaxed
+from topo_search.model import Audit, Design, FastAir, Level, Relaxed
 from topo_search.model.proven import gap_percent
 from topo_search.model.text import heading, paragraph, table
-from topo_search.study.folder import RunFolder
-from topo_search.study.ledger import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell
-from topo_search.study.optima import FRONT_COLUMNS, FrontPoint, idle_goals
+from topo_search.study.ledger import FLIGHT, Row, proven_cell
+from topo_search.study.pareto import FrontPoint, idle_goals
+from topo_search.study.tables import candidates, front_table, shortfalls, solves
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -261,16 +260,7 @@ class Answer:
         numbers. A candidate that is proven impossible was not solved and has no row. With goals, the last column is
         the level's number.
         """
-
-        def rows_of(level: RunFolder, n: int) -> Iterator[Sequence[object]]:
-            contexts = level.request.contexts(n)
-            for row in level.ledger.ranking(n):
-                result = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
-                for s in result.shortfalls if isinstance(result, Infeasible) else ():
-                    yield row.key, n, s.constraint, s.starts, s.violation, s.unit, kind_of(s.constraint)
-
-        columns = ("key", "modules", "constraint", "starts", "violation", "unit", "kind")
-        return _frame(self.folder, columns, rows_of)
+        return shortfalls(self.folder)
 
     @property
     def solves(self) -> pd.DataFrame:
@@ -278,19 +268,12 @@ class Answer:
 
         With goals, the last column is the level's number.
         """
-        columns = [field.name for field in fields(SolveEvent)]
-        frame = _frame(self.folder, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
-        return frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
+        return solves(self.folder)
 
     @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
-        import pandas as pd  # slow to import
-
-        texts = {"key", "audit", "design", "rotor_out", "level_rotor_out"}
-        kinds = {name: "int64" if name in ("modules", "level") else "float64" for name in FRONT_COLUMNS}
-        frame = pd.DataFrame([point.cells for point in self.points], columns=list(FRONT_COLUMNS))
-        return frame.astype({name: kind for name, kind in kinds.items() if name not in texts})
+        return front_table(self.points)
 
     @property
     def proven(self) -> bool:
@@ -335,34 +318,3 @@ def quotient_remark(quotient: Resolution) -> str:
     """Describe which trees are merged into one candidate, and warn if that is not exact."""
     lossy = "this symmetry is lossy here: merged trees can differ in cost, and only one is solved"
     return quotient.reason if quotient.exact else f"{quotient.reason}; {lossy}"
-
-
-def candidates(path: Path) -> pd.DataFrame:
-    """Return a row for every candidate of a run's folder, with the columns of `candidates.csv`, best first.
-
-    With goals there is a row for every level, and the last column is the level's number.
-
-    Raises:
-        BadInput: it is not a run folder.
-    """
-    frame = _frame(path, COLUMNS, RunFolder.cells)
-    numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, *AUDITED, "proven_bound", "proven_gap")
-    return frame.astype(dict.fromkeys(numbers, "float64"))
-
-
-def _frame(
-    path: Path, columns: Sequence[str], rows_of: Callable[[RunFolder, int], Iterable[Sequence[object]]]
-) -> pd.DataFrame:
-    """Return the rows of all sizes and levels; with goals, the last column is the level's number."""
-    import pandas as pd  # slow to import
-
-    with RunFolder.load(path) as folder:
-        rows = [
-            (*row, number)
-            for number, level in enumerate(folder.levels)
-            for n in level.request.task.sizes
-            for row in rows_of(level, n)
-        ]
-        goals = folder.request.task.goals.names
-    frame = pd.DataFrame(rows, columns=[*columns, "level"])
-    return frame if goals else frame.drop(columns="level")

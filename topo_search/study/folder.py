@@ -16,15 +16,14 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
+from topo_search.model import Audit, BadInput, Design, Task
 from topo_search.model.files import load_text, to_toml, validate, write_atomically
 from topo_search.model.task import with_older_defaults
 from topo_search.model.text import csv_text, toml_data
 from topo_search.model.value import as_bad_input, faults_of
 from topo_search.study.directory import ReadOnlyFolder, RunFile, lock
-from topo_search.study.ledger import COLUMNS, Ledger, Row
+from topo_search.study.ledger import Ledger, Row
 from topo_search.study.ledger_file import blank
-from topo_search.study.proofs import ProofState, cells, proof_state, proofs_hold_for
 from topo_search.study.request import NO_INPUTS, Request, UserInputs, installed_versions
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -223,12 +222,11 @@ class RunFolder:
         return self.path / name
 
     def write(self) -> None:
-        """Write all files that derive from the ledger.
+        """Write the designs and audits of the ledger, and the best designs.
 
         Raises:
             BadInput: files of these names exist that the run did not write; all others are written.
         """
-        self.write_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
         self._write_best()
         for part in RunFile.PARTS:
             (self.path / part).mkdir(parents=True, exist_ok=True)
@@ -246,70 +244,15 @@ class RunFolder:
         for part in RunFile.PARTS:
             self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
-    def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
-        """Yield every candidate of n modules, lowest effort first, with its proof and its audit."""
-        proofs, best, contexts = self.proofs(n), self.ledger.best_clear(n), self.request.contexts(n)
-        for row in self.ledger.ranking(n):
-            state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
-            yield row, state, self.ledger.audit(contexts[row.step], row.key) if row.audit else None
-
     def result_of(self, row: Row) -> tuple[Design | None, Audit | None]:
         """Return the design and the audit of a candidate; None for what it lacks."""
         context = self.request.contexts(row.modules)[row.step]
         result = self.ledger.result(context, row.key)
         return result if isinstance(result, Design) else None, self.ledger.audit(context, row.key)
 
-    def cells(self, n: int) -> Iterator[list[object]]:
-        """Yield the rows of `candidates.csv` for n modules."""
-        return (cells(*candidate) for candidate in self.candidates(n))
-
     def changed_files(self) -> list[str]:
         """Return the names of all files that were modified since the run wrote them."""
         return self._files.find_changed()
-
-    def proofs(self, n: int) -> dict[str, Proof]:
-        """Return the proofs of candidates of n modules for exactly this task, by key.
-
-        Raises:
-            BadInput: one of them is damaged, or contradicts a design.
-        """
-        task = self.request.contexts(n)[0].task
-        return {proof.topology_key: proof for proof in self._sound_proofs(n) if proof.task == task}
-
-    def unfinished_proofs(self, n: int) -> dict[str, Proof]:
-        """Return the incomplete proofs of candidates of n modules that also have a complete one, by key.
-
-        Raises:
-            BadInput: one of them is damaged.
-        """
-        task = self.request.contexts(n)[0].task
-        proofs = self.read_files(RunFile.UNFINISHED, Proof)
-        return {key: proof for key, proof in proofs.items() if proof.task == task}
-
-    def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
-        """Return the complete proofs that also hold for a task of another run, by key, with that task.
-
-        Raises:
-            BadInput: one of them is damaged, or contradicts a design.
-        """
-        proofs = (proof for proof in self._sound_proofs(task.n) if proof.complete)
-        valid = [proof for proof in proofs if proofs_hold_for(proof.task, task)]
-        return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in valid}
-
-    def _sound_proofs(self, n: int) -> Iterator[Proof]:
-        """Yield all proofs of the folder; refuse one of n modules that excludes a design with a clear audit."""
-        if not (proofs := self.read_files(RunFile.PROOFS, Proof)):
-            return
-        clear = {row.key: row.objective for row in self.ledger.ranking(n) if row.clear}
-        for name, proof in proofs.items():
-            design = clear.get(proof.topology_key)
-            if proof.task.n == n and proof.complete and design is not None and design < proof.cut:
-                rule = (
-                    f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
-                    "remove it, and run `topo-search prove` again"
-                )
-                raise BadInput(str(self.path / RunFile.PROOFS / name), rule)
-            yield proof
 
     def read_files(self, part: str, model: type[Model]) -> dict[str, Model]:
         """Return the values in all of the run's files of one folder, by file name.

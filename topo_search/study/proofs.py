@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Aim, Problem
-from topo_search.model.proven import improvement, upper_text
-from topo_search.study.ledger import AUDITED, COLUMNS, Row, figures_of
+from topo_search.model.proven import gap_percent, improvement, upper_text
+from topo_search.study.directory import RunFile
+from topo_search.study.folder import RunFolder
+from topo_search.study.ledger import Row
 
 if TYPE_CHECKING:
-    from topo_search.study.folder import RunFolder
+    from topo_search.study.answer import SizeAnswer
 
 
 class ProofState(NamedTuple):
@@ -52,10 +55,60 @@ def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState
     return ProofState(bound, gap, proof.problem, word)
 
 
-def cells(row: Row, state: ProofState, audit: Audit | None) -> list[object]:
-    """Return a candidate's row of `candidates.csv`."""
-    figures = {**state._asdict(), **(dict.fromkeys(AUDITED) if audit is None else figures_of(audit))}
-    return [figures[name] if name in figures else getattr(row, name) for name in COLUMNS]
+def candidates_of(folder: RunFolder, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
+    """Yield every candidate of n modules, lowest effort first, with its proof and its audit."""
+    proofs, best, contexts = proofs_of(folder, n), folder.ledger.best_clear(n), folder.request.contexts(n)
+    for row in folder.ledger.ranking(n):
+        state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
+        yield row, state, folder.ledger.audit(contexts[row.step], row.key) if row.audit else None
+
+
+def proofs_of(folder: RunFolder, n: int) -> dict[str, Proof]:
+    """Return the proofs of candidates of n modules for exactly the task of a run, by key.
+
+    Raises:
+        BadInput: one of them is damaged, or contradicts a design.
+    """
+    task = folder.request.contexts(n)[0].task
+    return {proof.topology_key: proof for proof in _sound_proofs(folder, n) if proof.task == task}
+
+
+def unfinished_proofs(folder: RunFolder, n: int) -> dict[str, Proof]:
+    """Return the incomplete proofs of candidates of n modules that also have a complete one, by key.
+
+    Raises:
+        BadInput: one of them is damaged.
+    """
+    task = folder.request.contexts(n)[0].task
+    proofs = folder.read_files(RunFile.UNFINISHED, Proof)
+    return {key: proof for key, proof in proofs.items() if proof.task == task}
+
+
+def proofs_for(folder: RunFolder, task: ResolvedTask) -> dict[str, Proof]:
+    """Return the complete proofs that also hold for a task of another run, by key, with that task.
+
+    Raises:
+        BadInput: one of them is damaged, or contradicts a design.
+    """
+    proofs = (proof for proof in _sound_proofs(folder, task.n) if proof.complete)
+    valid = [proof for proof in proofs if proofs_hold_for(proof.task, task)]
+    return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in valid}
+
+
+def _sound_proofs(folder: RunFolder, n: int) -> Iterator[Proof]:
+    """Yield all proofs of a folder; refuse one of n modules that excludes a design with a clear audit."""
+    if not (proofs := folder.read_files(RunFile.PROOFS, Proof)):
+        return
+    clear = {row.key: row.objective for row in folder.ledger.ranking(n) if row.clear}
+    for name, proof in proofs.items():
+        design = clear.get(proof.topology_key)
+        if proof.task.n == n and proof.complete and design is not None and design < proof.cut:
+            rule = (
+                f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
+                "remove it, and run `topo-search prove` again"
+            )
+            raise BadInput(str(folder.path / RunFile.PROOFS / name), rule)
+        yield proof
 
 
 def target(row: Row, best: float, gap: float) -> tuple[Aim, float]:
@@ -106,9 +159,23 @@ class ProofSummary(NamedTuple):
     """Trees with an incomplete proof that the same command could complete."""
 
 
+def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
+    """Return the answer of a size with what its proofs show."""
+    proven = summarize(folder, size.modules, size.best)
+    words, task = size.statement, folder.request.contexts(size.modules)[0].task
+    return replace(
+        size,
+        statement=words if proven.gap is None else proven_statement(size.candidates, proven.gap, task.attitude),
+        proven=proven.sentence,
+        proven_gap=proven.gap if size.covers_size else None,
+        candidates_gap=proven.gap,
+        proof_resumable=proven.resumable,
+    )
+
+
 def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     """Summarize the proofs of one size; `best`: its best design with a clear audit."""
-    proofs = folder.proofs(n)
+    proofs = proofs_of(folder, n)
     if best is None or best.objective is None or not proofs:
         return ProofSummary()
     candidates = folder.request.space(n).count()
@@ -126,7 +193,7 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
     unproven = [key for key, state in states.items() if state.proof in ("open", None)]
-    unfinished = folder.unfinished_proofs(n)
+    unfinished = unfinished_proofs(folder, n)
     latest, incomplete = {**proofs, **unfinished}, (*unproven, *unfinished)
     stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best.objective)]
     resumable = tuple(key for key in incomplete if key not in stuck)
@@ -144,6 +211,12 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
         folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
     )
     return ProofSummary(f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}", gap, resumable)
+
+
+def proven_statement(candidates: int, gap: float, attitude: str) -> str:
+    """State that the best design is proven to be the best, up to a gap."""
+    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
+    return f"the best of {number}, proven{attitude}" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
 
 
 def claim_of(

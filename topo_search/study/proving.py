@@ -24,9 +24,10 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
-from topo_search.study.proofs import claim_of, sizes_with_best, target
+from topo_search.study.proofs import claim_of, proofs_for, proofs_of, sizes_with_best, target, unfinished_proofs
 from topo_search.study.request import Request
 from topo_search.study.summary import answer_of, detect_loss
+from topo_search.study.tables import write_candidates
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Pure function that searches one chunk of a tree for designs below a cut [rad^4/s^4]."""
@@ -175,12 +176,12 @@ def prove(
                 size = _SizeProofs(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
                 reusable_proofs = _reusable_proofs(source_run, task)
-                stored_proofs = folder.proofs(n)
+                stored_proofs = proofs_of(folder, n)
                 size.complete = {key: proof for key, proof in stored_proofs.items() if proof.complete}
-                unfinished_proofs = folder.unfinished_proofs(n)
+                unfinished = unfinished_proofs(folder, n)
                 for row in rows:
                     aim, cut = target(row, best, gap)
-                    stored = (proofs.get(row.key) for proofs in (stored_proofs, unfinished_proofs))
+                    stored = (proofs.get(row.key) for proofs in (stored_proofs, unfinished))
                     sufficient = (p for p in stored if p and _is_sufficient(p, cut, size.floor, gap, problem))
                     proof, other = next(sufficient, None), reusable_proofs.get(row.key)
                     if proof is not None:
@@ -214,9 +215,11 @@ def prove(
                         size.write()
                 open_trees[n] = size.open_trees
         except (KeyboardInterrupt, WorkersLost) as stop:
+            write_candidates(folder)
             folder.write()
             stop.add_note(KEPT)
             raise
+        write_candidates(folder)
         folder.write()
         report(folder)
         folder.ledger.require()
@@ -266,7 +269,7 @@ def _reusable_proofs(source_run: Path | None, task: ResolvedTask) -> dict[str, P
     if source_run is None:
         return {}
     with RunFolder.load(source_run) as folder:
-        proofs = folder.proofs_for(task)
+        proofs = proofs_for(folder, task)
     if not proofs:
         text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
         raise BadInput(str(source_run), text)

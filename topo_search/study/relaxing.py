@@ -28,6 +28,7 @@ from topo_search.model.exposure import Plane
 from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS, Relaxation
 from topo_search.model.shape import NOWHERE
+from topo_search.study.answer import SizeAnswer
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import solving_phase
@@ -365,6 +366,11 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
         relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed)
         if relaxed is not None:
             folder.write_file(f"{RunFile.RELAXED}/n{n}.json", to_json(relaxed))
+
+
+def add_causes(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
+    """Return the answer of a size with the limits that prevent a design, if it has none."""
+    return size if size.feasible else replace(size, relaxed=causes(folder, size.modules))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:

@@ -11,22 +11,23 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
-from topo_search.engine import Backends, Engine, Strategy, WorkersLost
+from topo_search.engine import Backends, Engine, WorkersLost
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.directory import ReadOnlyFolder
+from topo_search.study.features import AFTER_SEARCH, FILES, STRATEGIES
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.optima import keep_optima, write_front
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
-from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
-from topo_search.study.solving import ProposedJobs, Tools, audit_best, record_proof, record_pruned, strategy_of
+from topo_search.study.solving import ProposedJobs, Tools, audit_best, record_proof, record_pruned
 from topo_search.study.summary import answer_of, complete_answer, detect_loss
+
+AfterSize = Callable[[RunFolder, int, Tools], None]
+"""What follows the search of a number of modules."""
 
 
 def run(
@@ -41,7 +42,7 @@ def run(
     prepare: Callable[[], None] = lambda: None,
     report: Callable[[RunFolder], None] = lambda _: None,
     prove: Callable[[], Answer] | None = None,
-    keep_within: float | None = None,
+    after_size: Sequence[AfterSize] = (),
 ) -> Answer:
     """Start or resume a run, and return its answer.
 
@@ -56,7 +57,7 @@ def run(
         prepare: called before the first candidate is solved, if there is any to solve.
         report: writes the folder's page after all other files.
         prove: called for a complete answer with a design; returns the answer with proofs.
-        keep_within: keep every local optimum whose effort exceeds the best by at most this percentage [%].
+        after_size: called after the search of each size, in the time that is left for it.
 
     Raises:
         BadInput: the folder cannot be used. A read-only folder is accepted if its run is complete.
@@ -68,15 +69,16 @@ def run(
         with RunFolder.open(path, request) as folder, detect_loss(folder):
             try:
                 plan = remaining_plan(folder, workers, time_limit)
-                if plan.solves or keep_within is not None:
+                if plan.solves or after_size:
                     prepare()
                 tools = Tools(backends, engine, observer, time.monotonic() + time_limit)
                 observer.plan(plan)
-                for number, level in enumerate(folder.levels):  # one, unless the task has goals
-                    if level.request.level is not None:
-                        observer.note(f"level {number} of {len(folder.levels)}: {level.request.level.words}")
-                    search_level(level, share_time(tools, len(folder.levels) - number), keep_within)
-                find_causes(folder.levels[0], tools)
+                for level, n, size_tools in sizes_of(folder, tools):
+                    search_size(level, n, size_tools)
+                    for follow in after_size:
+                        follow(level, n, size_tools)
+                for follow_search in AFTER_SEARCH:
+                    follow_search(folder.levels[0], tools)
             except (KeyboardInterrupt, WorkersLost) as stop:
                 write_files(folder)
                 folder.ledger.require()
@@ -94,14 +96,14 @@ def run(
     return prove() if prove is not None and answer.best is not None and answer.complete else answer
 
 
-def search_level(folder: RunFolder, tools: Tools, keep_within: float | None) -> None:
-    """Search all sizes of a task, or of one level of its goals, smallest first."""
-    sizes = folder.request.task.sizes
-    for index, n in enumerate(sizes):
-        size_tools = share_time(tools, len(sizes) - index)
-        search_size(folder, n, size_tools)
-        if keep_within is not None:
-            keep_optima(folder, n, keep_within, size_tools)
+def sizes_of(folder: RunFolder, tools: Tools) -> Iterator[tuple[RunFolder, int, Tools]]:
+    """Yield all sizes of a task, or of each level of its goals, smallest first, with their share of the time."""
+    for number, level in enumerate(folder.levels):  # one, unless the task has goals
+        if level.request.level is not None:
+            tools.observer.note(f"level {number} of {len(folder.levels)}: {level.request.level.words}")
+        level_tools, sizes = tools.share(len(folder.levels) - number), level.request.task.sizes
+        for index, n in enumerate(sizes):
+            yield level, n, level_tools.share(len(sizes) - index)
 
 
 def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
@@ -125,37 +127,23 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
         audit_best(folder, n, lower_bound, tools)
         return
 
-    def search(pruning_bound: float) -> bool:
-        strategy = strategy_of(folder, n, bound=pruning_bound, timed=math.isfinite(tools.until))
-        complete = solve_proposals(strategy, folder, n, lower_bound, tools)
+    for pruning_bound in (lower_bound, -math.inf) if request.prune else (-math.inf,):
+        strategy = STRATEGIES[request.strategy](folder, n, bound=pruning_bound, timed=math.isfinite(tools.until))
+        jobs = ProposedJobs(strategy, folder, n, lower_bound, tools.observer)
+        with closing(tools.solve(jobs)) as outcomes:
+            for job, outcome in outcomes:
+                jobs.record(job, outcome)
         audit_best(folder, n, lower_bound, tools)
-        return complete
-
-    complete = search(lower_bound if request.prune else -math.inf)
-    if complete and request.prune and not record_pruned(folder, n, lower_bound):
-        complete = search(-math.inf)  # the design that pruned the others did not pass its audit
-    if complete:
-        ledger.mark_complete(context, request.starts, request.trials)
-
-
-def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> bool:
-    """Solve and record what a strategy proposes; return whether it finished in time."""
-    jobs = ProposedJobs(strategy, folder, n, lower_bound, tools.observer)
-    with closing(tools.solve(jobs)) as outcomes:
-        for job, outcome in outcomes:
-            jobs.record(job, outcome)
-    return jobs.is_finished
-
-
-def share_time(tools: Tools, parts: int) -> Tools:
-    """Return the same tools with 1/parts of the remaining time."""
-    now = time.monotonic()
-    return tools if parts == 1 else replace(tools, until=now + (tools.until - now) / parts)
+        if not jobs.is_finished:
+            return
+        if pruning_bound == -math.inf or record_pruned(folder, n, lower_bound):
+            break  # else the design that pruned the others did not pass its audit
+    ledger.mark_complete(context, request.starts, request.trials)
 
 
 def write_files(folder: RunFolder) -> None:
     """Write all files but the ledger and the page."""
     for level in folder.levels:
         level.write()
-    if folder.request.task.goals.names:
-        write_front(folder)
+    for write in FILES:
+        write(folder)

@@ -21,7 +21,6 @@ from itertools import count, islice
 from topo_search.engine import (
     Backends,
     Engine,
-    ExhaustiveSearch,
     Failed,
     Job,
     Outcome,
@@ -55,31 +54,10 @@ class Tools:
         """Yield each job with its outcome as it ends, in any order; jobs are drawn as workers become free."""
         return self.engine.run(self.backends.solve, jobs, deadline=lambda job: job.deadline, until=self.until)
 
-
-def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: bool) -> Strategy:
-    """Return the strategy that proposes trees of n modules.
-
-    Args:
-        folder: the run's folder.
-        n: number of modules.
-        bound: lower bound of all objectives, for pruning [rad^4/s^4].
-        timed: whether there is a time limit.
-    """
-    request, space = folder.request, folder.request.space(n)
-    if request.strategy == "exhaustive":
-        return ExhaustiveSearch(space, starts=request.starts, timed=timed, bound=bound)
-    from topo_search.engine.proposals import OptunaSearch  # loads Optuna
-
-    return OptunaSearch(
-        space,
-        sampler=request.sampler_factory or request.sampler,
-        trials=space.count() if request.trials is None else request.trials,
-        round_size=request.round_size,
-        starts=request.starts,
-        seed=request.seed,
-        journal=folder.journal(f"study-n{n}.journal"),
-        timed=timed,
-    )
+    def share(self, parts: int) -> Tools:
+        """Return the same tools with 1/parts of the remaining time."""
+        now = time.monotonic()
+        return self if parts == 1 else replace(self, until=now + (self.until - now) / parts)
 
 
 class ProposedJobs(Iterator[Job | None]):

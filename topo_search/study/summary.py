@@ -15,15 +15,13 @@ from pathlib import Path
 from topo_search.engine import scaled_violation
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible
-from topo_search.model.proven import gap_percent, improvement
+from topo_search.model.proven import improvement
 from topo_search.study.answer import NEAR_BEST, SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
+from topo_search.study.features import ADD_TO_ANSWER, ADD_TO_SIZE
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import LedgerLost, damage
-from topo_search.study.optima import front_of
-from topo_search.study.proofs import summarize
-from topo_search.study.relaxing import causes
 from topo_search.study.request import Request
 from topo_search.study.solving import needs_audit
 
@@ -60,7 +58,9 @@ def answer_of(folder: RunFolder) -> Answer:
     answer = Answer(folder.path, sizes[0])
     if goals.names:
         levels = tuple(map(LevelAnswer, count(), goals.levels, sizes))
-        answer = replace(answer, levels=levels, points=front_of(folder))
+        answer = replace(answer, levels=levels)
+    for add in ADD_TO_ANSWER:
+        answer = add(folder, answer)
     if answer.best is None:
         return answer
     design, audit = folder.levels[answer.level].result_of(answer.best)
@@ -138,11 +138,11 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     if is_complete and settled < candidates:
         number = f"{candidates - settled} of {candidates} candidates"
         remarks.append(f"{number} were never proposed: nothing is known about them")
-    proven, failure = summarize(folder, n, best), None
+    failure = None
     if best is None and top and (audit := folder.result_of(top[0])[1]) is not None:
         failure = audit.failure(task)
     words = None if best is None else statement(best, settled - statuses["failed"], candidates, task.attitude)
-    return SizeAnswer(
+    answer = SizeAnswer(
         modules=n,
         candidates=candidates,
         quotient=quotient_remark(quotient),
@@ -161,13 +161,11 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         failure=failure,
         covers_size=covers,
         impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
-        statement=words if proven.gap is None else proven_statement(candidates, proven.gap, task.attitude),
-        relaxed=None if feasible else causes(folder, n),
-        proven=proven.sentence,
-        proven_gap=proven.gap if covers else None,
-        candidates_gap=proven.gap,
-        proof_resumable=proven.resumable,
+        statement=words,
     )
+    for add in ADD_TO_SIZE:
+        answer = add(folder, answer)
+    return answer
 
 
 def statement(best: Row, solved: int, candidates: int, attitude: str = "") -> str:
@@ -180,12 +178,6 @@ def statement(best: Row, solved: int, candidates: int, attitude: str = "") -> st
     if best.gap is None:
         return words
     return f"{words}; proven{attitude}: no {best.modules}-module topology is {improvement(best.gap)}"
-
-
-def proven_statement(candidates: int, gap: float, attitude: str) -> str:
-    """State that the best design is proven to be the best, up to a gap."""
-    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
-    return f"the best of {number}, proven{attitude}" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
 
 
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str], attitude: str) -> str:

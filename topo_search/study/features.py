@@ -1,0 +1,52 @@
+"""Features of a run beside search and audit. The core imports these lists, and no feature."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from topo_search.engine import ExhaustiveSearch, Strategy
+from topo_search.study.folder import RunFolder
+from topo_search.study.pareto import add_front, write_front
+from topo_search.study.proofs import add_proofs
+from topo_search.study.relaxing import add_causes, find_causes
+from topo_search.study.solving import Tools
+from topo_search.study.tables import write_candidates
+
+if TYPE_CHECKING:
+    from topo_search.study.answer import Answer, SizeAnswer
+
+
+def exhaustive_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> Strategy:
+    """Return the strategy that solves every candidate, until a design reaches the bound."""
+    request = folder.request
+    return ExhaustiveSearch(request.space(n), starts=request.starts, timed=timed, bound=bound)
+
+
+def sampled_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> Strategy:
+    """Return the strategy that solves what a sampler proposes; it ignores the bound."""
+    from topo_search.engine.proposals import OptunaSearch  # loads Optuna
+
+    request, space = folder.request, folder.request.space(n)
+    return OptunaSearch(
+        space,
+        sampler=request.sampler_factory or request.sampler,
+        trials=space.count() if request.trials is None else request.trials,
+        round_size=request.round_size,
+        starts=request.starts,
+        seed=request.seed,
+        journal=folder.journal(f"study-n{n}.journal"),
+        timed=timed,
+    )
+
+
+STRATEGIES = {"exhaustive": exhaustive_search, "optuna": sampled_search}
+"""What makes a strategy, by name, for a size: with a bound for pruning, and whether there is a time limit."""
+AFTER_SEARCH: tuple[Callable[[RunFolder, Tools], None], ...] = (find_causes,)
+"""What follows the search of all sizes, with the folder of a run without goals, or of its loosest level."""
+FILES: tuple[Callable[[RunFolder], None], ...] = (write_candidates, write_front)
+"""What writes files beside designs and audits."""
+ADD_TO_SIZE: tuple[Callable[[RunFolder, SizeAnswer], SizeAnswer], ...] = (add_proofs, add_causes)
+"""What adds to the answer of a size."""
+ADD_TO_ANSWER: tuple[Callable[[RunFolder, Answer], Answer], ...] = (add_front,)
+"""What adds to the answer of a run."""
