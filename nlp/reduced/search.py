@@ -168,25 +168,17 @@ def local_minima(
         min_starts: smallest number of starts that remain when the worse half is stopped.
     """
     descents = [Descent.from_start((s,), x, problem.cases.group < 0) for s, x in enumerate(starts)]
-    minima, stopped = _first_phase(problem, descents, phases[0], min_starts)
-    count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
-    best = [Descent.from_start(minimum.starts, minimum.x, minimum.active) for minimum in minima[:count]]
-    ends = [_descend(problem, descent, phases[1]) for descent in best]
-    return merge(_by_merit(ends), SELECTION.same_merit_after), minima[count:] + stopped
-
-
-def _first_phase(
-    problem: ReducedProblem, descents: list[Descent], phase: DescentPhase, min_starts: int
-) -> tuple[list[Descent], list[Descent]]:
-    """Run the first phase; return the distinct minima of the better starts, and where the others were stopped."""
-    stopped = list[Descent]()
+    stopped, (first, second) = list[Descent](), phases
     if len(descents) > min_starts:
-        few_steps, half = phase._replace(steps=SELECTION.halving_step), max(min_starts, len(descents) // 2)
+        few_steps, half = first._replace(steps=SELECTION.halving_step), max(min_starts, len(descents) // 2)
         ordered = _by_merit([_descend(problem, descent, few_steps) for descent in descents])
         descents, stopped = ordered[:half], merge(ordered[half:], SELECTION.same_merit)
-        phase = phase._replace(steps=phase.steps - SELECTION.halving_step)
-    ends = [_descend(problem, descent, phase) for descent in descents]
-    return merge(_by_merit(ends), SELECTION.same_merit), stopped
+        first = first._replace(steps=first.steps - SELECTION.halving_step)
+    minima = merge(_by_merit([_descend(problem, descent, first) for descent in descents]), SELECTION.same_merit)
+    count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
+    best = [Descent.from_start(minimum.starts, minimum.x, minimum.active) for minimum in minima[:count]]
+    ends = [_descend(problem, descent, second) for descent in best]
+    return merge(_by_merit(ends), SELECTION.same_merit_after), minima[count:] + stopped
 
 
 def _by_merit(descents: list[Descent]) -> list[Descent]:
