@@ -148,37 +148,11 @@ def bounded_requirements(task: ResolvedTask, about: Problem) -> list[str]:
     return words
 
 
-class ProofSummary(NamedTuple):
-    """The proofs of one size together."""
-
-    sentence: str | None = None
-    """What they prove; None without any proof."""
-    gap: float | None = None
-    """Largest share by which a design of this size can improve on the best; None while trees are open."""
-    resumable: tuple[str, ...] = ()
-    """Trees with an incomplete proof that the same command could complete."""
-
-
 def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
-    """Return the answer of a size with what its proofs show."""
-    proven = summarize(folder, size.modules, size.best)
-    words, task = size.statement, folder.request.contexts(size.modules)[0].task
-    return replace(
-        size,
-        statement=words if proven.gap is None else proven_statement(size.candidates, proven.gap, task.attitude),
-        proven=proven.sentence,
-        proven_gap=proven.gap if size.covers_size else None,
-        candidates_gap=proven.gap,
-        proof_resumable=proven.resumable,
-    )
-
-
-def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
-    """Summarize the proofs of one size; `best`: its best design with a clear audit."""
-    proofs = proofs_of(folder, n)
+    """Return the answer of a size with what its proofs show together, if there is any."""
+    n, best, proofs = size.modules, size.best, proofs_of(folder, size.modules)
     if best is None or best.objective is None or not proofs:
-        return ProofSummary()
-    candidates = folder.request.space(n).count()
+        return size
     states = {row.key: proof_state(row, proofs.get(row.key), best.objective) for row in folder.ledger.ranking(n)}
     counts = Counter(state.proof or "not examined" for state in states.values())
     words = {
@@ -189,7 +163,7 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
         "not examined": "not examined",
     }
     verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
-    number, unsolved = quantity(candidates, "candidate"), candidates - len(states)
+    number, unsolved = quantity(size.candidates, "candidate"), size.candidates - len(states)
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
     unproven = [key for key, state in states.items() if state.proof in ("open", None)]
@@ -205,12 +179,19 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
                 f"; the same command cannot close {shown}: some boxes may contain a better design, or there are "
                 "too many; try a larger --gap or --problem solver"
             )
-        return ProofSummary(sentence, None, resumable)
+        return replace(size, proven=sentence, proof_resumable=resumable)
     bounds = [state.proven_bound for state in states.values() if state.proven_bound is not None]
     gap, claim, scope = claim_of(
         folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
     )
-    return ProofSummary(f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}", gap, resumable)
+    return replace(
+        size,
+        statement=proven_statement(size.candidates, gap, folder.request.contexts(n)[0].task.attitude),
+        proven=f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}",
+        proven_gap=gap if size.covers_size else None,
+        candidates_gap=gap,
+        proof_resumable=resumable,
+    )
 
 
 def proven_statement(candidates: int, gap: float, attitude: str) -> str:

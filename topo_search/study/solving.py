@@ -116,7 +116,7 @@ class ProposedJobs(Iterator[Job | None]):
         """Return a job for the next proposal whose result is not known."""
         while isinstance(proposal := self._strategy.ask(), Proposal):
             if self._strategy.stage is not self._stage:
-                self._begin_stage()
+                self._begin_stage(self._strategy.stage)
             self._open.append(proposal)
             if self._result(proposal) is None:
                 return self._job(proposal)
@@ -131,14 +131,13 @@ class ProposedJobs(Iterator[Job | None]):
             self._open.popleft()
             self._strategy.tell(result)
 
-    def _begin_stage(self) -> None:
-        starts_before, self._stage = self._stage.starts if self._stage else 0, self._strategy.stage
-        if (stage := self._stage) is None:
-            return
-        name: PhaseName = "polishing" if stage.is_repeat else "searching"
-        before = starts_before if stage.is_repeat and starts_before != stage.starts else 0
-        self._observer.phase(solving_phase(name, self._context.task, stage.candidates, stage.starts, before))
-        self._reported.clear()
+    def _begin_stage(self, stage: Stage | None) -> None:
+        before, self._stage = self._stage, stage
+        if stage is not None:
+            name: PhaseName = "polishing" if stage.is_repeat else "searching"
+            solved = before.starts if before and stage.is_repeat and before.starts != stage.starts else 0
+            self._observer.phase(solving_phase(name, self._context.task, stage.candidates, stage.starts, solved))
+            self._reported.clear()
 
     def _job(self, proposal: Proposal) -> Job:
         """Return the job for the starts of a proposal that were not solved before."""
