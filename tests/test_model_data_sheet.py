@@ -6,7 +6,7 @@ import pytest
 
 from topo_search.model import Module, Task
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.task_warnings import task_warnings
+from topo_search.report.task_warnings import task_warnings
 
 HOVER = {"carries_weight": True}
 

@@ -14,7 +14,7 @@ from nlp.numbers.geometry import allowed_folds, fold_excess, nearest_angles, ran
 from topo_search.model import BadInput, Design, Infeasible, Topology
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proof import chunk_count
-from topo_search.model.task_warnings import task_warnings
+from topo_search.report.task_warnings import task_warnings
 from topo_search.study.relaxing import relaxable
 from topo_search.topologies import candidates
 from verify import audit, check_chunk

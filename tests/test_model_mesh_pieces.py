@@ -19,7 +19,7 @@ from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.mesh_file import outer_hull
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull
-from topo_search.model.task_warnings import task_warnings
+from topo_search.report.task_warnings import task_warnings
 
 CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))
 TASK = """\

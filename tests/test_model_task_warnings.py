@@ -13,8 +13,8 @@ from wording import says
 
 from topo_search.model import BadInput, Task
 from topo_search.model.files import examples, read_task
-from topo_search.model.task_warnings import USUAL, USUAL_AT_TARGET, task_warnings
 from topo_search.model.value import _models_in
+from topo_search.report.task_warnings import USUAL, USUAL_AT_TARGET, task_warnings
 
 # Modules as they are sold: a nano quadrotor, and one that lifts itself and 15 kg.
 NANO = {

@@ -14,7 +14,7 @@ from topo_search.model import BadInput, ResolvedTask, Task
 from topo_search.model.corners import corners_of, to_corners
 from topo_search.model.files import to_toml, validate
 from topo_search.model.load_case import ForceCone
-from topo_search.model.task_warnings import task_warnings
+from topo_search.report.task_warnings import task_warnings
 
 CONE = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
 

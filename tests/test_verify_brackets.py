@@ -12,7 +12,7 @@ from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_t
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.room import bracket_obstacle
-from topo_search.model.task_warnings import task_warnings
+from topo_search.report.task_warnings import task_warnings
 from verify import audit
 from verify.brackets import bracket_hulls
 from verify.kinematics import platform

@@ -17,7 +17,7 @@ from topo_search.cli.errors import needs_extras, note
 from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
-    from topo_search.model.task_warnings import TaskWarning
+    from topo_search.report.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
@@ -186,7 +186,7 @@ def read_topologies(file: str, task: ts.Task) -> tuple[str, ...]:
 
 def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
     """Print the warnings about a task, those of `check`, on stderr, and return them."""
-    from topo_search.model.task_warnings import task_warnings
+    from topo_search.report.task_warnings import task_warnings
 
     warnings = task_warnings(task)
     for warning in warnings:

@@ -16,7 +16,7 @@ from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
-    from topo_search.model.task_warnings import TaskWarning
+    from topo_search.report.task_warnings import TaskWarning
 
 
 @command(epilog="Example: topo-search run push --paper --out push-paper", resumes=True)

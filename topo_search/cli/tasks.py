@@ -68,7 +68,7 @@ def check(
 
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
-    from topo_search.model.task_warnings import UNIT_IN_DOUBT, task_warnings
+    from topo_search.report.task_warnings import UNIT_IN_DOUBT, task_warnings
 
     user_task = options.task_of(task, settings, paper=paper, modules=modules)
     if picture is not None:

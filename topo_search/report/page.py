@@ -20,7 +20,6 @@ from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model.files import to_toml
-from topo_search.model.task_warnings import task_warnings
 from topo_search.report import (
     PLOTLY_LAYOUT,
     Table,
@@ -32,6 +31,7 @@ from topo_search.report import (
     wording,
 )
 from topo_search.report.scene import shared_meshes
+from topo_search.report.task_warnings import task_warnings
 from topo_search.report.view import thumbnail, view
 
 
