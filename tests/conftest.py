@@ -16,7 +16,7 @@ import pytest
 from dask_cluster import Cluster
 from hypothesis import HealthCheck, settings
 
-from topo_search.supervisor import ONE_THREAD
+from topo_search.process import ONE_THREAD
 
 assert "numpy" not in sys.modules  # it reads the environment as it is loaded
 os.environ.update(ONE_THREAD)

@@ -17,7 +17,7 @@ from engine_jobs import (
 from processes import eventually, gone
 
 from topo_search.engine import DaskWorkers, Failed, Workers
-from topo_search.supervisor import ONE_THREAD
+from topo_search.process import ONE_THREAD
 
 
 @pytest.fixture(scope="module", params=["local", "dask"])

@@ -19,7 +19,8 @@ from topo_search.cli.errors import note
 if TYPE_CHECKING:
     from topo_search.report.progress import Words
     from topo_search.study.ledger import Row
-    from topo_search.study.progress import Observer, Phase, Plan, TimeLeft
+    from topo_search.study.progress import Observer, Phase, Plan
+    from topo_search.study.time_left import TimeLeft
 
 
 @contextmanager
@@ -107,7 +108,7 @@ class Bar:
     def _estimate_time(self) -> TimeLeft:
         """Return the estimator of the time left, made with the first plan or stage."""
         if self._time_left is None:
-            from topo_search.study.progress import TimeLeft
+            from topo_search.study.time_left import TimeLeft
 
             self._time_left = TimeLeft()
         return self._time_left

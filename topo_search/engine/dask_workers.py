@@ -28,7 +28,7 @@ from topo_search.engine.workers import (
     WorkersLost,
 )
 from topo_search.model import BadInput
-from topo_search.supervisor import call_pickled, tell
+from topo_search.process import call_pickled, tell
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
-from topo_search.supervisor import call_pickled, interrupt, prepare_child
+from topo_search.process import call_pickled, interrupt, prepare_child
 
 if TYPE_CHECKING:
     from pebble import ProcessPool

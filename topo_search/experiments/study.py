@@ -47,12 +47,12 @@ from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology
 from topo_search.model.files import load_json, load_text, read_task, write_atomically
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
+from topo_search.process import Clock, peak_mb
 from topo_search.study import Observer, Phase, SilentObserver
 from topo_search.study.directory import lock
 from topo_search.study.folder import make_folder, refusal
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.request import installed_versions
-from topo_search.supervisor import Clock, peak_mb
 from topo_search.topologies import Family, candidates, count, sample
 from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, text_of, turn
 from verify import kinematics

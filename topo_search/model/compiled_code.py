@@ -23,7 +23,7 @@ from numba.core.caching import FunctionCache
 from numba.core.types import unliteral
 
 from topo_search.model.value import BadInput
-from topo_search.supervisor import tell
+from topo_search.process import tell
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

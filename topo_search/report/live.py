@@ -21,7 +21,8 @@ from topo_search.report.progress import describe, period, stage
 from topo_search.report.run_page import run_page
 from topo_search.study import Observer, RunFolder
 from topo_search.study.ledger import Row
-from topo_search.study.progress import Phase, Plan, TimeLeft
+from topo_search.study.progress import Phase, Plan
+from topo_search.study.time_left import TimeLeft
 
 LOOPBACK = "127.0.0.1"
 """Address of the server; other machines cannot reach it."""

@@ -6,7 +6,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import COLUMNS, Row, SolveEvent
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.pareto import FrontPoint, front
-from topo_search.study.progress import Observer, Phase, Plan, SilentObserver, TimeLeft
+from topo_search.study.progress import Observer, Phase, Plan, SilentObserver
 from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import (
     DEFAULT_ROUND,
@@ -19,3 +19,4 @@ from topo_search.study.request import (
 from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single
 from topo_search.study.summary import answer_of, read_answer
+from topo_search.study.time_left import TimeLeft
