@@ -34,12 +34,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import casadi as ca
 import numpy as np
 
+from nlp.derived_rows import DerivedRows
 from nlp.numbers.geometry import Swept, clearance, torque_map
 from nlp.numbers.masses import masses
 from nlp.numbers.point import Point, rod_path
 from nlp.problem import Variables
 from nlp.requirements.rod import rod_of
-from nlp.rows import DerivedRows, Violation
+from nlp.rows import Violation
 from nlp.symbols.platform import module_inertia, platform_inertia, rod_inertia, rod_vector, scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology

@@ -30,22 +30,7 @@ def rotor_airflow(i: int, j: int) -> str:
     return f"rotors of module {i} and airflow of module {j}"
 
 
-def tip_airflow(i: int) -> str:
-    """Name the clearance of the end-effector, as thick as its rod, from the airflow of module i."""
-    return f"end-effector and airflow of module {i}"
-
-
-def exclusion(i: int) -> str:
-    """Name the exclusion ball of the end-effector, for module i."""
-    return f"end-effector exclusion of module {i}"
-
-
-def exposure(number: int, exposure: AnyExposure, i: int, segment: int | None = None) -> str:
+def exposure(number: int, exposure: AnyExposure, i: int, _: int, segment: int | None) -> str:
     """Name the clearance of module i's envelope from an exposure requirement."""
     part = "" if segment is None else f", {PART_NAMES[exposure.kind]} {segment}"
     return f"exposure {number} ({exposure.kind}{part}) of module {i}"
-
-
-def air(number: int, exposure: AnyExposure, case: str) -> str:
-    """Name the limit of the air speed over an exposure requirement's region in a load case."""
-    return f"air over exposure {number} ({exposure.kind}), {case}"

@@ -6,12 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-import casadi as ca
-import numpy as np
-
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
 from topo_search.protocols import OwnConstraint
 
 if TYPE_CHECKING:
@@ -78,26 +74,3 @@ Selections = Mapping[LazyRows, Any]
 """The selection of every kind of lazy rows that a program has."""
 UserConstraints = tuple[OwnConstraint, ...]
 """Constraints of the user; usually none."""
-
-
-class DerivedRows:
-    """Expressions as rows of a program, with derivatives by CasADi."""
-
-    def __init__(self, x: ca.SX, g: ca.SX, lower: Array, upper: Array) -> None:
-        """Differentiate the rows g by the unknowns x."""
-        multipliers = ca.SX.sym("multipliers", g.numel())
-        self.values = ca.Function("g", [x], [g])
-        self.lower, self.upper = lower, upper
-        self._jacobian = ca.Function("jacobian", [x], [ca.jacobian(g, x)])
-        hessian = ca.triu(ca.hessian(ca.dot(multipliers, g), x)[0])
-        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
-        self.jacobian_pattern = self._jacobian.sparsity_out(0)
-        self.hessian_pattern = self._hessian.sparsity_out(0)
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of the Jacobian of the rows."""
-        return np.array(self._jacobian(variables).nonzeros())
-
-    def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of the sum of rows times multipliers."""
-        return np.array(self._hessian(variables, multipliers).nonzeros())

@@ -105,7 +105,8 @@ def test_checked_clearances_are_the_audits(name):
 def beside_airflow(point):
     """The names of what the solver keeps out of the airflow: balls around the parts that the audit has exactly."""
     modules = range(point.topology.n)
-    return {names.rotor_airflow(i, j) for i in modules for j in modules} | {names.tip_airflow(i) for i in modules}
+    rotors = {names.rotor_airflow(i, j) for i in modules for j in modules}
+    return rotors | {f"end-effector and airflow of module {i}" for i in modules}
 
 
 def audited_clearances(design):
@@ -121,9 +122,9 @@ def audited_clearances(design):
             if r.kind == "separation" and task.centre_distance is not None:
                 more = task.centre_distance - task.body_clearance
         elif r.kind == "exclusion":
-            name = names.exclusion(r.a)
+            name = f"end-effector exclusion of module {r.a}"
         else:
-            name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
+            name = names.exposure(r.b, task.exposure[r.b], r.a, r.a, r.segment)
         assert isinstance(r.against, AllowedCone) == (r.kind in ("exterior", "allowed"))
         found[name] = clearance_of(r) * task.module.arm_length - more
     return found

@@ -8,7 +8,7 @@ from verify_cases import design, fan
 
 from topo_search.model import Clearance, Topology
 from verify import audit
-from verify.design_audit import interference
+from verify.interference import interference
 
 TWICE_END_RADIUS = 2 * fan().task.module.envelope.end_radius
 """The paper's theoretical maximum of an overlap [m]."""

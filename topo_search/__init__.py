@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from topo_search.engine.strategy import Candidates, OwnSampler, TopologySampler, Tried
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
+    from topo_search.export.own_format import OwnFormat
     from topo_search.model import (
         Audit,
         BadInput,
@@ -56,11 +57,7 @@ if TYPE_CHECKING:
     from topo_search.model.mesh_file import ConvexPiece
     from topo_search.model.module import Airflow, Body, Bracket, CountedRod, Jet, RegionAirflow
     from topo_search.model.reserves import AskedFlight
-    from topo_search.protocols import (
-        OwnConstraint,
-        OwnFormat,
-        SymbolicPlatform,
-    )
+    from topo_search.protocols import OwnConstraint, SymbolicPlatform
     from topo_search.report.charts import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines
     from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer

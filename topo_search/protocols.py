@@ -1,4 +1,4 @@
-"""Interfaces for a user's own code: constraints and file formats.
+"""Interface for a user's own constraints.
 
 A function, or an object with the right method, is enough; no base class is needed. Code that affects the result of
 a run has a name and, for the run to be resumable, a version.
@@ -6,7 +6,6 @@ a run has a name and, for the run to be resumable, a version.
 | interface | passed to | consists of |
 |---|---|---|
 | `OwnConstraint` | `solve`, `search`, `audit`: `constraints=` | a `ConstraintExpression` with name and bounds |
-| `OwnFormat` | `register_format`, or an entry point `topo_search.formats` | a `DesignWriter` with a name |
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from topo_search.model import Design, ResolvedTask, Topology
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.design import Stated
 from topo_search.model.folds import FOLD
 from topo_search.model.value import faults_of
@@ -133,28 +132,3 @@ class OwnConstraint:
         return Stated(
             name=self.name, version=self.version, lower=lower, upper=upper, unit=self.unit, invariant=self.invariant
         )
-
-
-DesignWriter = Callable[[Design], str | bytes]
-"""Function that returns the file content for a design; the message of a ValueError is shown to the user."""
-
-
-@dataclass(frozen=True)
-class OwnFormat:
-    """File format for designs."""
-
-    name: str
-    """Value of `--format`: small letters, digits and dashes."""
-    write: DesignWriter
-    """Function that writes a design."""
-    suffixes: tuple[str, ...] = ()
-    """File name suffixes of this format, such as `.step`."""
-    says: str = ""
-    """Short description for `export --help`."""
-
-    def __post_init__(self) -> None:
-        """Check the types of the fields; ValueError names the rule and the value."""
-        if not callable(self.write):
-            raise ValueError(f"write must be a function of a design, but got {self.write!r}")
-        if not isinstance(self.suffixes, tuple) or not all(isinstance(suffix, str) for suffix in self.suffixes):
-            raise ValueError(f"suffixes must be a tuple of texts, but got {self.suffixes!r}")

@@ -2,10 +2,6 @@
 
 The verdict is the worst status among the residuals and the clearances that count. The solver keeps a margin; the
 audit's own threshold is zero.
-
-Overlap of envelopes is measured by the three metrics of the paper's ablation (Sec. IV). Depths are in percent of
-the deepest possible overlap, 2 (r_air + dr_air), the sum of two envelopes' largest radii. Envelopes that overlap,
-directly or through others, form a cluster.
 """
 
 from __future__ import annotations
@@ -20,32 +16,16 @@ from importlib import metadata
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Geometry, Interference, MeshExcess, Module, Status
+from topo_search.model import Audit, Clearance, Design, Geometry, Module, Status
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
 from verify.contacts import AnyCheck, allowed_contacts, certify
-from verify.features import CLEARANCES, SECTIONS, assembly, complete
+from verify.features import CLEARANCES, SECTIONS, assembly, complete, interference
 from verify.requirements import Scene
 from verify.residuals import clamp, residuals
 from verify.sections import Findings
-
-
-def interference(pairs: Sequence[Clearance]) -> Interference:
-    """Return the overlap metrics of an audit's airflow pairs; only proven overlaps count."""
-    colliding = [pair for pair in pairs if pair.kind == "airflow" and pair.status == Status.VIOLATED]
-    if not colliding:
-        return Interference(colliding_pairs=0, deepest_percent=0.0, clusters=())
-    import networkx as nx  # slow to load, and few designs have overlaps
-
-    clusters = nx.connected_components(nx.Graph([(pair.a, pair.b) for pair in colliding]))
-    return Interference(
-        colliding_pairs=len(colliding),
-        deepest_percent=max((-pair.percent for pair in colliding if pair.percent is not None), default=0.0),
-        clusters=tuple(sorted((tuple(sorted(cluster)) for cluster in clusters), key=lambda c: (-len(c), c))),
-    )
-
 
 MOST_CLEARANCES = 1_000_000
 """Largest number of clearances in an audit, as many as 380 modules and 50 paths have; more would need gigabytes."""
@@ -86,7 +66,6 @@ def _audit(design: Design, started: float) -> Audit:
         residuals=tuple(rows),
         interference=None if design.task.search.interference == "parts" else interference(pairs),
         stated=tuple(StatedCheck(**claim.model_dump(), status="not checked") for claim in design.stated),
-        mesh_excess=_mesh_excess(design),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
         versions=dict(_versions()),
@@ -151,14 +130,6 @@ def _describe(check: AnyCheck) -> tuple[str, str]:
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):
         body, against = (" ".join(repr(side).split()) for side in sides)
     return f"body: {body}", f"against: {against}"
-
-
-def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:
-    return tuple(
-        MeshExcess(exposure=number, segment=segment, at_most_m=excess)
-        for number, exposure in enumerate(design.task.exposure)
-        for segment, excess in exposure.mesh_excesses()
-    )
 
 
 @functools.cache

@@ -11,6 +11,7 @@ from verify.brackets import beside_brackets
 from verify.contacts import keep_apart
 from verify.flight.analysis import flight
 from verify.flight.residuals import flight_residuals
+from verify.interference import interference, mesh_excess
 from verify.requirements import Scene
 from verify.sections import Clearances, Section
 from verify.sensitivity import sensitivity
@@ -33,7 +34,8 @@ SECTIONS: tuple[Section, ...] = (
     Section("flight", flight, flight_residuals),
     Section("power", power),
     Section("air", air, speed_residuals),
+    Section("mesh_excess", mesh_excess),
 )
 """Sections of the audit, in the order of its residuals; each may use what those before it found."""
 
-__all__ = ["CLEARANCES", "SECTIONS", "assembly", "complete"]
+__all__ = ["CLEARANCES", "SECTIONS", "assembly", "complete", "interference"]

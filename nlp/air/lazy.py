@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from nlp import names
 from nlp.air.limits import ALLOWED_SHARE, SpeedPoint, fastest
 from nlp.numbers.point import Point
 from nlp.rows import Violation
@@ -38,7 +37,7 @@ class SpeedLimits:
         """Yield the violation of every limit in every load case, named as in the audit."""
         for maximum in fastest(point):
             exposure = point.task.exposure[maximum.exposure]
-            name = names.air(maximum.exposure, exposure, point.task.case_labels[maximum.case])
+            name = f"air over exposure {maximum.exposure} ({exposure.kind}), {point.task.case_labels[maximum.case]}"
             excess = maximum.speed - ALLOWED_SHARE * maximum.limit
             yield Violation(name, excess, "m/s", excess / maximum.limit, to_add=maximum.points)
 

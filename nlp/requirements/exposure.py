@@ -248,10 +248,10 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
         exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, TipObstacle)
-        yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (exclusion,), margin)
+        yield Requirement(7, lambda i, *_: f"end-effector exclusion of module {i}", subjects, (exclusion,), margin)
     if task.tip_radius is not None:
         tip = RegionClearance(Air.of(task), CapsuleRegion(task.tip_radius / unit))
-        yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin)
+        yield Requirement(8, lambda i, *_: f"end-effector and airflow of module {i}", subjects, (tip,), margin)
 
 
 def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
@@ -267,7 +267,7 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     for number, exposure in enumerate(task.exposure):
         if exposure.geometry:
             airflow = formulas(exposure, Air.at_regions(task))
-            yield Requirement(9, partial(_name, number, exposure), subjects, airflow, margin)
+            yield Requirement(9, partial(names.exposure, number, exposure), subjects, airflow, margin)
         if exposure.solid:
             parts = formulas(exposure, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number), subjects, parts, margin)
@@ -278,10 +278,6 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
 
 def _all_modules(n: int) -> Subjects:
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
-
-
-def _name(number: int, exposure: AnyExposure, i: int, _: int, segment: int | None) -> str:
-    return names.exposure(number, exposure, i, segment)
 
 
 def _solid_name(number: int, i: int, _: int, segment: int | None) -> str:

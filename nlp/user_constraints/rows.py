@@ -18,9 +18,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from nlp.derived_rows import DerivedRows
 from nlp.numbers.point import Point
 from nlp.problem import Variables
-from nlp.rows import DerivedRows, UserConstraints, Violation
+from nlp.rows import UserConstraints, Violation
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array

@@ -14,9 +14,9 @@ from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
+from topo_search.experiments.measuring import Clock
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
-from topo_search.process import Clock
 from topo_search.topologies import sample
 
 Row = dict[str, Any]

@@ -12,8 +12,8 @@ from rows import Row, Rows
 
 import nlp
 from nlp.solve import UNTANGLED_STARTS
+from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.model import Design, Topology
-from topo_search.process import Clock, peak_mb
 from topo_search.topologies import sample
 from verify import audit
 

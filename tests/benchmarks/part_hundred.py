@@ -13,8 +13,8 @@ from rows import Row, Rows
 import nlp
 from nlp.evaluation import violations
 from nlp.starts.random_starts import draw, generator
+from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.model import Design, Topology
-from topo_search.process import Clock, peak_mb
 from topo_search.topologies import sample
 from verify import audit
 

@@ -35,6 +35,7 @@ from pydantic import ConfigDict, Field
 from topo_search.compose.designs import audits, brackets_note
 from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, PrintedPart, bracket, bracket_file, bracket_turns
+from topo_search.export.html_page import html_page
 from topo_search.export.kit import BRACKETS, write_kit
 from topo_search.export.sheet import STYLE
 from topo_search.export.tree_drawing import tree_svg
@@ -42,7 +43,7 @@ from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
-from topo_search.model.text import html_page, paragraph, table
+from topo_search.model.text import paragraph, table
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Index, Number, Value
 from topo_search.report.wording import quantity

@@ -42,12 +42,12 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import nlp
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Job, Workers, audit_deadline, merge, record_of, solve_deadline
+from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.limits import LIMITS
 from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology
 from topo_search.model.files import load_json, load_text, read_task, write_atomically
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
-from topo_search.process import Clock, peak_mb
 from topo_search.study import Observer, Phase, SilentObserver
 from topo_search.study.directory import lock
 from topo_search.study.folder import make_folder, refusal

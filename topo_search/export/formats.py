@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
+    from topo_search.export.own_format import OwnFormat
     from topo_search.model import Design
-    from topo_search.protocols import OwnFormat
 
 GROUP = "topo_search.formats"
 """Group of entry points of other packages."""
@@ -80,7 +80,7 @@ def register_format(own: OwnFormat) -> None:
         >>> export_design(read_design("hover-2/best.json"), "hover-2.tree").read_text()
         'a10'
     """
-    from topo_search.protocols import OwnFormat
+    from topo_search.export.own_format import OwnFormat
 
     if not isinstance(own, OwnFormat):
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")

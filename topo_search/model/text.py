@@ -201,13 +201,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def html_page(title: str, style: str, lines: Iterable[str]) -> str:
-    """Return a self-contained HTML page with its title as the first heading."""
-    head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
-    body = (f"<style>{style}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>")
-    return "\n".join(("<!doctype html>", head, *body)) + "\n"
-
-
 def _cell(value: object) -> str:
     if value is None:
         return ""
