@@ -1,12 +1,14 @@
 """The package as it is shipped: schemas are current, and the wheel holds all data and runs the first task."""
 
 import ast
+import io
 import json
 import math
 import os
 import shutil
 import subprocess
 import sys
+import tokenize
 import tomllib
 import zipfile
 from collections import Counter
@@ -166,6 +168,9 @@ TERMS = {
 }
 
 
+BLANK = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
+
+
 def core_contract() -> dict[str, list[str]]:
     """Return the contract of import-linter that separates core and features."""
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
@@ -227,6 +232,23 @@ def test_every_module_is_core_or_a_feature() -> None:
         module: [name for name in sources | features if f"{module}.".startswith(f"{name}.")] for module in modules
     }
     assert {module: names for module, names in where.items() if len(names) != 1} == {}
+
+
+def test_the_core_can_be_read_by_one_person() -> None:
+    lines = 0
+    for module in core_contract()["source_modules"]:
+        path = ROOT / module.replace(".", "/")
+        for file in path.glob("*.py") if path.is_dir() else [path.with_suffix(".py")]:
+            text = file.read_text(encoding="utf-8")
+            tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+            spans = [range(t.start[0], t.end[0] + 1) for t in tokens if t.type not in BLANK]
+            docstrings = (
+                range(node.lineno, node.end_lineno + 1)
+                for node in ast.walk(ast.parse(text))
+                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            )
+            lines += len(set().union(*spans).difference(*docstrings))
+    assert lines <= 12_000
 
 
 def test_an_import_of_a_feature_by_the_core_breaks_its_contract(tmp_path: Path) -> None:
