@@ -1,4 +1,4 @@
-"""Solves whose corners, joint loads and air speeds are added to the program once a result violates them.
+"""Solves whose corners and lazy rows (`nlp.rows`) are added to the program once a result violates them.
 
 A corner is a load case that must be possible and costs nothing (`topo_search.model.corners`); few of them are
 active. Whether a platform with given angles produces one is a small convex problem, so checking all of them after a
@@ -25,7 +25,7 @@ from topo_search.model.corners import CorneredTask
 
 
 class LazyConstraints(NamedTuple):
-    """Settings of adding corners, joint loads and air speeds to a program."""
+    """Settings of adding corners and lazy rows to a program."""
 
     rounds: int = 10
     """Largest number of solves, each with more rows than the one before."""
@@ -44,7 +44,7 @@ def without_corners(task: ResolvedTask) -> ResolvedTask:
 def solve_with_corners(
     task: ResolvedTask, start: int, origin: Point, constraints: UserConstraints = (), *, rounds: bool = False
 ) -> StartResult:
-    """Solve from a point, adding corners, joint loads and air speeds until none is violated.
+    """Solve from a point, adding corners and lazy rows until none is violated.
 
     Args:
         task: the task with all corners.

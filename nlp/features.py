@@ -1,6 +1,6 @@
 """Features of the solver: constraints beyond the printed problem, and proofs that a task is impossible.
 
-The core imports this list and no feature.
+The core imports this list, and besides it only the features that its contract in pyproject.toml lets through.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 r"""The inner problem of one topology, as printed in the paper (Eq. opti).
 
+Tests compare the compiled programs that a search solves with it.
+
 Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `nlp.units`):
 
 | symbol | meaning | shape |

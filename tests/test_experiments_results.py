@@ -69,7 +69,7 @@ SHOWN = {
 
 @pytest.mark.parametrize("name", SHOWN)
 def test_rows_are_those_of_today_or_dated_wherever_they_are_shown(name):
-    """The row that takes the least time is measured again, unless another version than today's made the table."""
+    """The row that takes the least time is measured again, unless another version or a benchmark made the table."""
     about = json.loads((FOLDER / f"{name}.json").read_text())
     assert f"{name}.csv`, " in TEXT
     made_by = keep_results.dated(about)
@@ -80,6 +80,8 @@ def test_rows_are_those_of_today_or_dated_wherever_they_are_shown(name):
         return
     study, settings = experiment(about["experiment"]), keep_results.settings_of(about["settings"])
     rows = results(FOLDER / f"{name}.csv")
+    if set(rows["method"]) != {METHOD}:  # a benchmark made these, which neither search nor audit
+        return
     row = rows.loc[rows["solve_s"].where(rows["status"] == "feasible").idxmin()]
     (cell,) = (
         c for c in study.cells(settings) if (c.variant.name, c.task, c.key) == (row.variant, row.task, row.key)

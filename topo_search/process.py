@@ -1,4 +1,4 @@
-"""A process of a command or a worker: how it is interrupted, ends with its parent, and is measured.
+"""A process of a command or a worker: how it is interrupted, and ends with its parent.
 
 This module imports only the standard library, so that a command can be stopped while it loads.
 """

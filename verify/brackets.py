@@ -6,7 +6,7 @@ If a task has `[module.bracket]`, the brackets keep clear of airflow and rotors.
 |---|---|---|---|
 | c | the connector of a joint, the origin of the flange of either module | (3,) | l_arm |
 | x, z | from a module's centre to its port; the module's thrust axis | (3,) | - |
-| r, d, t | half-width of a flange, its set-back from c, its thickness (`model.bracket`) | scalar | l_arm |
+| r, d, t | half-width of a flange, its set-back from c, its thickness (`Module.bracket_sizes`) | scalar | l_arm |
 
 A flange is the box of the points c + u with -d <= u.x <= -d + t that are within r of c along z and along z x x. A
 bracket counts as the hull of its two flanges, including the space between its webs, which airflow and rotors must

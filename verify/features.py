@@ -1,4 +1,4 @@
-"""Features of the audit. The core imports these lists and no feature."""
+"""Clearances and sections of the audit, of the core and of features, and steps that features do."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Residuals: every limit on a design's numbers other than clearances.
+"""Residuals of the core: limits on a design's numbers other than clearances; sections of the audit add theirs.
 
 Deviations are scaled: forces by m_t g, torques by l_arm m_t g, inputs by their upper limit, lengths by l_arm, the
-objective by its value; angles are in rad. A scaled deviation above TOLERANCE is a violation. Wrenches are checked
+objective by its value; angles are in rad. A scaled deviation above its tolerance, mostly
+TOLERANCE, is a violation. Wrenches are checked
 about the COM and about the end-effector, because with a long lever arm a force within the tolerance can be a torque
 beyond it.
 """
@@ -20,7 +21,7 @@ from verify.kinematics import Platform, objective, wrench_errors
 
 
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
-    """Return all residuals of a design, in the order of the task's fields."""
+    """Return the residuals of wrenches, inputs, angles, end-effector, connectors and objective."""
     connectors, J = design.task.search.connectors, objective(design)
     # a quarter turn violates `connectors = "aligned"`; half turns are equivalent
     misaligned = sum(kappa % 2 for kappa in design.topology.kappas) if connectors == "aligned" else 0

@@ -1,4 +1,4 @@
-"""Clearances and sections: what features add to the audit."""
+"""What an audit consists of: kinds of clearances, and sections, listed in `verify.features`."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@
 | P(eta) = o + eta d, r_0 + eta dr | axis and radius of a swept ball | (...,3), scalars | m |
 
 Hinge ranges are the clear folds of a task. A fold is a hinge angle with a sign that depends on the parent's port
-(`topo_search.model.room`).
+(`topo_search.model.folds`).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -30,7 +30,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers import cholesky, kinematics
 from nlp.numbers.kinematics import Vector, add, chain, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
@@ -103,13 +102,8 @@ def platform(problem: ReducedProblem, x: Array) -> ReducedPlatform:
 
 
 # every compiled function of the search depends on this module
-refresh(
-    platform,
-    Path(__file__).parent,
-    Path(kinematics.__file__),
-    Path(cholesky.__file__),
-    Path(__file__).parents[1] / "air",
-)
+room = Path(__file__).parent
+refresh(platform, room, *(room.with_name(name) for name in ("numbers", "requirements", "air")))
 
 
 @njit(cache=True, inner=True, allocates=False)

@@ -43,7 +43,7 @@ class Residual(Value):
     name: str
     """Name of the check, e.g. `load case 2, torque`."""
     value: Number
-    """Largest deviation, in `unit`; zero if the check passes."""
+    """Largest deviation, in `unit`; zero or within the tolerance if the check passes."""
     unit: str
     """Unit of `value`."""
     scaled: Number

@@ -1,4 +1,7 @@
-"""Features of the model: what they add to tasks, designs and audits. The core imports this list and no feature."""
+"""Features of the model: what they add to tasks, designs and audits.
+
+The core imports this list and, but for those that its contract in pyproject.toml lets through, no feature.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Features of a run beside search and audit. The core imports these lists, and no feature."""
+"""Features of a run beside search and audit.
+
+The core imports this list and, but for those that its contract in pyproject.toml lets through, no feature.
+"""
 
 from __future__ import annotations
 

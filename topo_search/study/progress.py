@@ -22,7 +22,7 @@ AUDITED = 10
 
 @dataclass(frozen=True)
 class Expected:
-    """Expected times, corrected by measured steps."""
+    """Expected times, and how far they are trusted."""
 
     startup_s: float = 2.5
     """Time until the first worker has loaded its libraries [s]."""
@@ -31,7 +31,7 @@ class Expected:
     chunk_s: float = 0.4
     """Processor time of a chunk of a proof by branch and bound, for three and five modules [s]."""
     trusted_steps: float = 2.0
-    """T."""
+    """Number of steps for which they are trusted (`topo_search.study.time_left`)."""
 
 
 EXPECTED = Expected()

@@ -1,4 +1,4 @@
-"""The answer of a run, read from its ledger and its proofs."""
+"""The answer of a run, read from its ledger."""
 
 from __future__ import annotations
 
