@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from functools import partial
 
 import pytest
@@ -198,3 +199,16 @@ def test_the_json_of_one_file_is_the_audit_and_reads_back(command, tmp_path):
     assert given["file"] == "one.json"
     found, again = Audit.model_validate(given), verify.audit(OVERLAPPING)
     assert (found.pairs, found.interference) == (again.pairs, again.interference)
+
+
+def test_names_of_files_cannot_write_to_the_terminal(command, tmp_path):
+    hostile = ["new\nline.json", "\x1b[31mred.json", os.fsdecode(b"\xff.json")]
+    for name in hostile:
+        write(tmp_path / "in" / name)
+    (tmp_path / "in" / "\x1b[2Jbad.json").write_text("{")
+    result = command("in", "--csv", "pairs.csv", status=2)
+    assert "in/new\\nline.json: clear" in result.stdout
+    assert "in/\\x1b[31mred.json: clear" in result.stdout
+    assert "in/\ufffd.json: clear" in result.stdout
+    assert result.stderr.startswith("in/\\x1b[2Jbad.json: ")
+    assert "\x1b" not in (tmp_path / "pairs.csv").read_text(encoding="utf-8")

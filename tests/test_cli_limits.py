@@ -73,3 +73,18 @@ def test_the_largest_listed_sizes_are_counted_drawn_and_listed_as_they_come():
     assert [Topology.from_key(key).n for key in json.loads(drawn.stdout)] == [1000] * 3
     few = invoke("topologies", "3", "--json")
     assert json.loads(few.stdout) == invoke("topologies", "3").stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("setting", "rule"),
+    [
+        ("task_seed=0x" + "f" * 100_000, "task: task_seed: must be at most"),
+        ("load_cases." + "1" * 60 + ".weight=1", "must be an index under 1"),
+        ("load_cases.\u0663.weight=1", "must be an index under 1"),
+        ("gravity=1\nmodules=3", "task: gravity: must be a number"),
+    ],
+)
+def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
+    (line,) = said(tmp_path, "--set", setting).splitlines()
+    assert rule in line
+    assert len(line) < 400

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -190,3 +191,11 @@ def test_angles_and_inputs_out_of_bounds_are_for_the_audit_to_judge() -> None:
     data["rotor_speeds_squared"][0][0] = -1.0
     data["objective"] = 0.0
     np.testing.assert_array_equal(validate(Design, data, "design.json").inputs[0, 0], [-1.0, 1e6, 1e6, 1e6])
+
+
+def test_nested_where_a_number_belongs(tmp_path: Path) -> None:
+    deep: Any = 0.0
+    for _ in range(100_000):
+        deep = [deep]
+    (message,) = messages({**DATA, "objective": deep})
+    assert message.startswith("objective: must be a number, but got [[[")

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 import toy_problem
 from commands import invoke
+from ledger_edit import altered
 from toy_problem import toy_run, toy_task
 
 from topo_search import compose
@@ -187,3 +188,16 @@ def test_a_page_is_not_put_in_the_place_of_the_user_s(tmp_path, monkeypatch):
     (tmp_path / "run/report.html").unlink()
     toy_run(tmp_path / "run", starts=3)
     assert (tmp_path / "run/page.html").exists()
+
+
+def test_designs_that_are_no_more_are_removed_unless_the_user_changed_them(tmp_path):
+    first, second = (row.key for row in toy_run(tmp_path).sizes[0].top[:2])
+    put(tmp_path, {f"designs/{first}.json": "changed by hand"})
+    for key in (first, second):
+        altered(
+            tmp_path,
+            ("UPDATE candidates SET status = 'failed', objective = NULL, audit = NULL WHERE key = ?", (key,)),
+        )
+    toy_run(tmp_path)
+    assert (tmp_path / f"designs/{first}.json").read_text() == "changed by hand"
+    assert not (tmp_path / f"designs/{second}.json").exists()

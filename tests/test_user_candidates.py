@@ -237,3 +237,10 @@ def test_own_parts_that_do_not_go_together_are_refused(hover, tmp_path):
         search(hover, out=tmp_path / "run", strategy="optuna", topologies=["a500"])
     with pytest.raises(ValueError, match=r"sampler .* requires the strategy `optuna`"):
         search(hover, out=tmp_path / "run", sampler=make_random)
+
+
+@pytest.mark.parametrize("make", [fail, lambda seed: None, lambda: make_random(0)])
+def test_a_factory_that_makes_no_sampler_leaves_no_folder(hover, tmp_path, make):
+    with pytest.raises(BadInput, match="sampler: "):
+        search(hover, out=tmp_path / "run", strategy="optuna", trials=2, starts=1, workers=1, sampler=make)
+    assert not (tmp_path / "run").exists()

@@ -12,6 +12,7 @@ import inspect
 import json
 import os
 import re
+import reprlib
 import sys
 from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
@@ -114,7 +115,12 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
 
 def show(value: Any) -> str:
     """Return a value as a file would write it, in one line of at most 80 characters."""
-    text = json.dumps(value, default=str)
+    try:
+        text = json.dumps(value, default=str)
+    except RecursionError:
+        text = reprlib.repr(value)
+    except ValueError:  # an integer with thousands of digits
+        text = f"a whole number of {value.bit_length():,} bits" if isinstance(value, int) else "what has no text"
     return text if len(text) <= 80 else text[:77] + "..."
 
 

@@ -93,6 +93,8 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
 
     Damage that is found later raises BadInput too.
     """
+    if not path.is_file():
+        raise refusal(path, "is not a regular file")
     if not path.stat().st_size:  # only `stat`: opening and closing the file would drop SQLite's locks
         raise damage(path, "it is empty")
     options = "?mode=rw"

@@ -143,7 +143,7 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
 
 def write_files(folder: RunFolder) -> None:
     """Write all files but the ledger and the page."""
+    for write in FILES:  # first, as a design that the user changed is refused after all others are written
+        write(folder)
     for level in folder.levels:
         level.write()
-    for write in FILES:
-        write(folder)

@@ -374,9 +374,10 @@ def make_user_sampler(factory: SamplerFactory, seed: int) -> BaseSampler | Topol
     """Return the sampler that a user's factory makes for a seed; BadInput if it is no sampler."""
     with _faults_named(factory, "", "cannot make a sampler for a seed"):
         made = factory(_seed_of(seed))
-    if isinstance(made, BaseSampler | TopologySampler):
+    if isinstance(made, BaseSampler | TopologySampler) and not isinstance(made, type):
         return made
-    rule = f"must make an Optuna sampler, or an object with `propose`, but made {type(made).__name__}"
+    got = f"the class {made.__name__} itself" if isinstance(made, type) else type(made).__name__
+    rule = f"must make an Optuna sampler, or an object with `propose`, but made {got}"
     raise BadInput("sampler", rule)
 
 
