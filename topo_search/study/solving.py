@@ -96,6 +96,8 @@ class ProposedJobs(Iterator[Job | None]):
 
     def __next__(self) -> Job | None:
         """Return the next job, and ask for the one after it."""
+        if self.is_finished:
+            raise StopIteration
         job = self._next
         if job is not None:
             self._next = self._ask()
