@@ -180,7 +180,7 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         proof = {"proven_bound": x, "proven_gap": 0.1, "proof": "excluded", "proven_problem": "task"}
         table = pd.DataFrame([{"key": "a300", "modules": 3, "objective": x, **proof}])
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
-        monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
+        monkeypatch.setattr("topo_search.study.tables.candidates", lambda _, given=table: given)
         check(invoke("prove", "run", status=4).stdout, least=x)
 
 
