@@ -26,7 +26,7 @@ class Violation(NamedTuple):
     tolerance: float = 0.0
     """Largest `scaled` at which the constraint is met."""
     to_add: tuple[Any, ...] = ()
-    """What its kind of lazy rows adds to a program once it is violated; empty for other constraints."""
+    """Rows to add to a program once it is violated, for its kind of lazy rows; empty for other constraints."""
 
     @property
     def met(self) -> bool:

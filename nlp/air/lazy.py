@@ -51,7 +51,9 @@ class SpeedLimits:
         self, point: Point, violated: Sequence[Violation], selection: Points | None
     ) -> tuple[Points | None, set[str]]:
         """Return the points with those of violated limits added, and the names of these limits."""
-        too_fast = [violation for violation in violated if violation.unit == "m/s" and violation.to_add]
+        too_fast = [
+            violation for violation in violated if isinstance(next(iter(violation.to_add), None), SpeedPoint)
+        ]
         points = set(selection or ()).union(*(violation.to_add for violation in too_fast))
         return tuple(sorted(points)) or None, {violation.name for violation in too_fast}
 

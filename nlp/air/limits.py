@@ -169,5 +169,5 @@ def region_of(shape: Shape, l_arm: float, within: float | None) -> SpeedRegion:
         case Cone():
             start, axis, half_angle = np.array(shape.apex), np.array(shape.axis), math.radians(shape.half_angle_deg)
         case _:
-            raise NotImplementedError(shape)
+            raise NotImplementedError(f"no formula of air speeds for {type(shape).__name__}")
     return SpeedRegion(start / l_arm, axis, radius / l_arm, half_angle, planes, (within or math.inf) / l_arm)

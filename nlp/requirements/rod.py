@@ -19,9 +19,9 @@ the rod must reach in, and the region does not limit it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -183,8 +183,9 @@ class BestRod(Requirement):
         return Requirement(self.equation, self.name, np.array([[i, i]]), formulas, self.margin)
 
 
-def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
-    """Yield the limits of the rod, if it has any."""
+@lru_cache(maxsize=16)
+def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...]:
+    """Return the limits of the rod, if it has any."""
     unit, n = Units.of(task).length, topology.n
     l_c, margin = task.module.connector_distance / unit, task.search.margin / unit
     largest, limit_names, limits = task.largest_reach(n), list[str](), list[Formula]()
@@ -204,12 +205,11 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                 limit_names.append(f"the end-effector's rod and solid exposure {number}{suffix}")
                 limits.append(RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment))
                 margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
-    if limits:
-        formulas = tuple(
-            LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))
-        )
-        subjects = np.arange(max(n, 2))[None]  # at least i and j
-        yield BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT)
+    if not limits:
+        return ()
+    formulas = [LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))]
+    subjects = np.arange(max(n, 2))[None]  # at least i and j
+    return (BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, tuple(formulas), margin, near=NEAR_LIMIT),)
 
 
 def rod_of(point: Point) -> Connector | None:
