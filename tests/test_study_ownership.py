@@ -80,8 +80,10 @@ def test_a_design_that_the_user_changed_is_named_and_all_others_are_written(tmp_
     key = toy_run(tmp_path).best.key
     put(tmp_path, {f"designs/{key}.json": "changed by hand"})
     shutil.rmtree(tmp_path / "audits")
+    (tmp_path / "candidates.csv").unlink()
     with pytest.raises(BadInput, match=rf"designs/{key}\.json: is not the file that this run wrote"):
         toy_run(tmp_path)
+    assert (tmp_path / "candidates.csv").exists()
     assert (tmp_path / f"designs/{key}.json").read_text() == "changed by hand"
     assert (tmp_path / f"audits/{key}.json").exists()
     (tmp_path / f"designs/{key}.json").unlink()

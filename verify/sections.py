@@ -1,4 +1,4 @@
-"""What an audit consists of: kinds of clearances, and sections, listed in `verify.features`."""
+"""Parts of an audit: kinds of clearances, and sections, listed in `verify.features`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Clearances(NamedTuple):
 
 
 class Findings(NamedTuple):
-    """What the audit of a design has found so far."""
+    """Results of an audit so far."""
 
     scene: Scene
     sheet: Assembly

@@ -73,7 +73,7 @@ class Stage(NamedTuple):
 
 
 WAIT: Final = "wait"
-"""What a strategy says while its next proposal depends on results that it was not told yet."""
+"""Answer of a strategy whose next proposal depends on results that it was not told yet."""
 
 
 class Strategy(ABC):

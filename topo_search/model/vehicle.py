@@ -163,7 +163,7 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 
 def _number(cell: str, mark: str) -> Any:
-    """Return a cell of a table with this mark between columns as a number; the cell itself if it is none."""
+    """Return a table's cell as a number, given the mark between its columns; the cell itself if it is no number."""
     try:
         number = float(cell if mark == "," else cell.replace(",", "."))
     except ValueError:

@@ -44,12 +44,12 @@ def sampled_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> S
 
 
 STRATEGIES = {"exhaustive": exhaustive_search, "optuna": sampled_search}
-"""What makes a strategy, by name, for a size: with a bound for pruning, and whether there is a time limit."""
+"""Strategies by name, each made for a size, a bound for pruning, and a run with or without a time limit."""
 AFTER_SEARCH: tuple[Callable[[RunFolder, Tools], None], ...] = (find_causes,)
-"""What follows the search of all sizes, with the folder of a run without goals, or of its loosest level."""
+"""Steps after the search of all sizes, on the folder of a run without goals, or of its loosest level."""
 FILES: tuple[Callable[[RunFolder], None], ...] = (write_candidates, write_front)
-"""What writes files beside designs and audits."""
+"""Writers of files beside designs and audits."""
 ADD_TO_SIZE: tuple[Callable[[RunFolder, SizeAnswer], SizeAnswer], ...] = (add_proofs, add_causes)
-"""What adds to the answer of a size."""
+"""Additions to the answer of a size."""
 ADD_TO_ANSWER: tuple[Callable[[RunFolder, Answer], Answer], ...] = (add_front,)
-"""What adds to the answer of a run."""
+"""Additions to the answer of a run."""

@@ -13,9 +13,11 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 from topo_search.engine import Backends, Engine, WorkersLost
+from topo_search.model import BadInput
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.directory import ReadOnlyFolder
 from topo_search.study.features import AFTER_SEARCH, FILES, STRATEGIES
@@ -27,7 +29,7 @@ from topo_search.study.solving import ProposedJobs, Tools, audit_best, record_pr
 from topo_search.study.summary import answer_of, complete_answer, detect_loss
 
 AfterSize = Callable[[RunFolder, int, Tools], None]
-"""What follows the search of a number of modules."""
+"""Step after the search of a number of modules."""
 
 
 def run(
@@ -142,8 +144,17 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
 
 
 def write_files(folder: RunFolder) -> None:
-    """Write all files but the ledger and the page."""
-    for write in FILES:  # first, as a design that the user changed is refused after all others are written
-        write(folder)
-    for level in folder.levels:
-        level.write()
+    """Write all files but the ledger and the page.
+
+    Raises:
+        BadInput: files of these names exist that the run did not write; all others are written.
+    """
+    refusals = list[BadInput]()
+    writers = [partial(RunFolder.write, level) for level in folder.levels]
+    for writer in [*writers, *(partial(write, folder) for write in FILES)]:
+        try:
+            writer()
+        except BadInput as refusal:
+            refusals.append(refusal)
+    if refusals:
+        raise refusals[0]
