@@ -28,9 +28,9 @@ from topo_search.export.picture import Drawing
 from topo_search.export.tree_drawing import layout
 from topo_search.model import Design, Module, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
 from topo_search.model.mesh import circle, cone_sphere_outline
-from topo_search.model.module import Bracket
 from topo_search.model.topology import PORT_NAMES
 from verify.air.jets import jets, speeds, wakes
 from verify.kinematics import platform as poses_of

@@ -15,7 +15,7 @@ from nlp.program import AssembledProgram
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
-from topo_search.model.module import CountedRod
+from topo_search.model.end_effector import CountedRod
 
 Array = NDArray[np.float64]
 Table = dict[str, Any]

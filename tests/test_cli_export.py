@@ -19,8 +19,8 @@ from suites import few
 from toy_problem import toy_run
 
 from topo_search.model import Design, Status, Topology
+from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json, to_json
-from topo_search.model.module import Bracket
 from topo_search.model.proven import lower_text
 from topo_search.model.topology import PORT_NAMES
 from verify import audit

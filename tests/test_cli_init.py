@@ -10,9 +10,9 @@ from pydantic import BaseModel
 from wording import says
 
 from topo_search.model import LoadCase, ResolvedTask, Task
+from topo_search.model.end_effector import CountedRod
 from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
 from topo_search.model.files import read_task, task_template
-from topo_search.model.module import CountedRod
 
 EXAMPLES = (
     "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|"

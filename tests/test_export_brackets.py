@@ -28,8 +28,8 @@ from topo_search.export.brackets import (
 from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
-from topo_search.model.module import Bracket
 from topo_search.topologies import sample
 from verify.kinematics import platform
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from topo_search.model import LoadCase, Module, Status, Task, Wrench, ten_wrenches
+from topo_search.model.airflow import Airflow
+from topo_search.model.body import Body
 from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.files import read_task, to_json
-from topo_search.model.module import Airflow, Body
 
 
 def test_the_default_module() -> None:

@@ -28,9 +28,9 @@ from topo_search.model import (
     Tolerances,
     Topology,
 )
+from topo_search.model.airflow import Airflow
 from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
 from topo_search.model.goals import Goals
-from topo_search.model.module import Airflow
 from topo_search.model.reserves import AskedFlight
 from verify import audit
 

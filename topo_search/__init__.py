@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         write_report,
     )
     from topo_search.engine import WorkersLost
-    from topo_search.engine.strategy import Candidates, OwnSampler, TopologySampler, Tried
+    from topo_search.engine.own_sampler import OwnSampler, TopologySampler
+    from topo_search.engine.strategy import Candidates, Tried
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
     from topo_search.export.own_format import OwnFormat
@@ -49,13 +50,16 @@ if TYPE_CHECKING:
         Topology,
         Wrench,
     )
+    from topo_search.model.airflow import Airflow, Jet, RegionAirflow
+    from topo_search.model.body import Body
+    from topo_search.model.bracket import Bracket
     from topo_search.model.design import Stated, StatedCheck
+    from topo_search.model.end_effector import CountedRod
     from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
     from topo_search.model.files import read_json, read_task, to_json, to_toml
     from topo_search.model.goals import Goals
     from topo_search.model.load_case import ForceCone
     from topo_search.model.mesh_file import ConvexPiece
-    from topo_search.model.module import Airflow, Body, Bracket, CountedRod, Jet, RegionAirflow
     from topo_search.model.reserves import AskedFlight
     from topo_search.protocols import OwnConstraint, SymbolicPlatform
     from topo_search.report.charts import plot_candidates, plot_front, plot_history

@@ -30,7 +30,7 @@ import numpy as np
 
 from topo_search.model import CasePower, Design, Flight, Geometry, Residual, ResolvedTask, Status
 from topo_search.model.corners import corners_of
-from topo_search.model.module import CountedRod
+from topo_search.model.end_effector import CountedRod
 from topo_search.model.proven import TOLERANCE
 from verify.assembly import choose_mount
 from verify.bodies import Array

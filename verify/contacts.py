@@ -23,7 +23,7 @@ from typing import Any
 
 from topo_search.model import AllowedContact, Design, Mount
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.module import INWARDS, OUTWARDS
+from topo_search.model.body import INWARDS, OUTWARDS
 from verify.bodies import AllowedCone
 from verify.certificate import Certificate, ClearanceCheck, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds

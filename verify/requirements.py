@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 
 from topo_search.model import Design, Mount
+from topo_search.model.airflow import AirflowEnvelope
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
-from topo_search.model.module import AirflowEnvelope
 from verify.bodies import AllowedCone, Array, ConeSphere, ball
 from verify.certificate import ClearanceCheck, Solid
 from verify.compounds import Compound

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
-from topo_search.model.module import RegionAirflow
+from topo_search.model.airflow import RegionAirflow
 from verify.beside_airflow import clearance as clearance_beside
 from verify.bodies import AllowedCone, Array, clearances, cone_clearance
 from verify.certificate import BOUND_ROUNDING

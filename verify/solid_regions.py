@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from topo_search.model import Design, Mount, Status
-from topo_search.model.module import TIP
+from topo_search.model.end_effector import TIP
 from verify.bodies import AllowedCone, Array, ConeSphere, ball
 from verify.certificate import FLOOR, ClearanceCheck, Solid
 from verify.compounds import Compound

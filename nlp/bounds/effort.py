@@ -13,7 +13,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.module import CountedRod
+from topo_search.model.end_effector import CountedRod
 from topo_search.model.proven import TOLERANCE
 
 

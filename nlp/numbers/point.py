@@ -14,7 +14,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.module import CountedRod
+from topo_search.model.end_effector import CountedRod
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from nlp.numbers.geometry import Ball, Swept
 from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, EnvelopeBody, LocalVector, PartsBody, RodBody
 from nlp.units import Units
 from topo_search.model import ResolvedTask
-from topo_search.model.module import AirflowEnvelope
+from topo_search.model.airflow import AirflowEnvelope
 from topo_search.model.value import Vector
 
 MIN_ROD_LENGTH = 1e-9

@@ -46,7 +46,7 @@ from nlp.requirements.statement import (
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology, segment_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
-from topo_search.model.module import TIP
+from topo_search.model.end_effector import TIP
 from topo_search.model.shape import Shape
 
 NEAR_LIMIT = 6.0

@@ -176,7 +176,7 @@ def read_topologies(file: str, task: ts.Task) -> tuple[str, ...]:
         BadInput: the file cannot be read or is too long, or some lines hold no key of a topology of the task.
     """
     from topo_search.model.files import load_text
-    from topo_search.topologies import own_candidates
+    from topo_search.topologies.own_topologies import own_candidates
 
     lines = enumerate(load_text(file, most_bytes=LIMITS.keys_bytes).splitlines(), start=1)
     keys = [(number, key) for number, line in lines if (key := line.strip())]

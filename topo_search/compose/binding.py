@@ -20,7 +20,8 @@ from typing import Any, TypeVar, get_args
 import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, DaskWorkers, Job, Workers
-from topo_search.engine.strategy import OwnSampler, SamplerFactory, TopologySampler
+from topo_search.engine.own_sampler import OwnSampler, TopologySampler
+from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
@@ -35,7 +36,7 @@ from topo_search.model import (
     Task,
 )
 from topo_search.model.air import SpeedEnvelope
-from topo_search.model.module import RegionAirflow, Thrust
+from topo_search.model.airflow import RegionAirflow, Thrust
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.protocols import (
     ConstraintExpression,

@@ -21,7 +21,7 @@ from topo_search.model.value import as_bad_input
 from topo_search.protocols import OwnConstraint
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
-from topo_search.topologies import OwnTopology, own_topology
+from topo_search.topologies.own_topologies import OwnTopology, own_topology
 
 if TYPE_CHECKING:
     from topo_search.report.headline import Compared

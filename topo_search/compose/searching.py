@@ -47,7 +47,8 @@ from topo_search.study.optima import keep_optima
 from topo_search.study.progress import solving_seconds
 from topo_search.study.proving import refuse_unprovable
 from topo_search.study.request import digest
-from topo_search.topologies import OwnTopology, Symmetry, improper_isometry, own_candidates
+from topo_search.topologies import Symmetry, improper_isometry
+from topo_search.topologies.own_topologies import OwnTopology, own_candidates
 
 
 def search(

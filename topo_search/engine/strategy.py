@@ -1,4 +1,4 @@
-"""Search strategies: their interface, the exhaustive search, their candidates, and the user's samplers.
+"""Search strategies: their interface, the exhaustive search, and their candidates.
 
 A strategy is asked for proposals and told their results, in the order of its proposals, whichever job finishes
 first. It knows neither workers nor files, and it is deterministic: the same results lead to the same proposals. So
@@ -7,9 +7,6 @@ a killed run is resumed by telling it the results of the ledger, and the number 
 An exhaustive search gives all candidates the same number of starts: after a few starts, a tree's best effort says
 little about what more starts will find, and giving more to the leading trees finds the best designs less reliably
 than giving the same to all (`tests/benchmarks/budget.py`).
-
-`search` takes an `OwnSampler` as `sampler=`: a `SamplerFactory` with a name and a version, which makes an Optuna
-sampler or a `TopologySampler`.
 """
 
 from __future__ import annotations
@@ -21,12 +18,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from random import Random
-from typing import Any, Final, Literal, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, Literal, NamedTuple
 
 from topo_search.engine.workers import rounds
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.design import Versioned
-from topo_search.protocols import require_stated
 from topo_search.topologies import Candidate, Family, Root, Symmetry
 
 
@@ -201,49 +196,9 @@ class ListedCandidates(Candidates):
         return (Topology.from_key(random.choices(self.keys)[0]) for _ in repeat(None))
 
 
-@runtime_checkable
-class TopologySampler(Protocol):
-    """Proposes trees one by one.
-
-    A stopped run is resumed by replaying its proposals: the same arguments must give the same proposal.
-    """
-
-    def propose(self, candidates: Candidates, tried: Sequence[Tried], random: Random, /) -> Topology | str:
-        """Return a tree to solve, or its key.
-
-        Args:
-            candidates: the available trees.
-            tried: the known results, in the order of the proposals, one for each solve of a tree.
-            random: the only random generator to use.
-
-        A tree that was proposed before is rejected, and the sampler is called again; after 64 rejections in a row a
-        tree is drawn uniformly.
-        """
-
-
 SamplerFactory = Callable[[int], Any]
 """Function that makes a sampler from a seed, for one number of modules.
 
-The sampler is a `TopologySampler`, or an Optuna sampler, which works on the fixed-length encoding of trees.
+The sampler is a `TopologySampler` of `topo_search.engine.own_sampler`, or an Optuna sampler, which works on the
+fixed-length encoding of trees.
 """
-
-
-@dataclass(frozen=True)
-class OwnSampler:
-    """Your own sampler, with the name and version that identify its runs."""
-
-    name: str
-    make: SamplerFactory
-    version: str | None = None
-    """Change it when its proposals change. A run with an unversioned sampler is not resumed."""
-
-    def __post_init__(self) -> None:
-        """Check the fields; ValueError names the rule and the value."""
-        if not callable(self.make):
-            raise ValueError(f"make must be a function that returns a sampler for a seed, but got {self.make!r}")
-        require_stated(self)
-
-    @property
-    def stated(self) -> Versioned:
-        """The sampler's record in a run's folder."""
-        return Versioned(name=self.name, version=self.version)

@@ -5,7 +5,7 @@ r"""Printable solids: brackets, struts and the rod's mount, in millimetres, each
 | h, i, a, alpha | parent, child, the parent's port, the hinge angle of their joint | | -, rad |
 | c | the connector, origin of a bracket's frame: x away from the parent's centre, z the parent's z | | |
 | phi | turn about y from the parent's flange to the child's: alpha at ports 0 and 3, -alpha at 1 and 2 | | rad |
-| r, d, t, w | half width, set-back and thickness of a flange; wall thickness (`model.module.Bracket`) | | m |
+| r, d, t, w | half width, set-back and thickness of a flange; wall thickness (`model.bracket.Bracket`) | | m |
 | v | direction of the rod in the frame of the connector that holds it | (3,) | |
 
 R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports; upside down it is the
@@ -29,9 +29,10 @@ from trimesh import Trimesh
 from topo_search.export.poses import RodPose, rod_of
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.mesh import rotation_to
-from topo_search.model.module import Bracket, Module
+from topo_search.model.module import Module
 from topo_search.model.value import BadInput, Fault
 from verify.kinematics import platform, rotation
 

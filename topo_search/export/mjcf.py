@@ -44,8 +44,9 @@ from topo_search.export import palette
 from topo_search.export.poses import ROTOR_ANGLES, RodPose, mass_of, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.design import Design
+from topo_search.model.end_effector import TIP
 from topo_search.model.exposure import segment_of
-from topo_search.model.module import TIP, Module
+from topo_search.model.module import Module
 from topo_search.model.shape import Shape
 from verify.kinematics import Platform, platform
 from verify.solid_regions import tip_distances

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from topo_search.model.module import Mount
+from topo_search.model.end_effector import Mount
 from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
 

@@ -27,8 +27,8 @@ from pydantic import (
 
 from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
+from topo_search.model.end_effector import Mount
 from topo_search.model.features import Relaxed
-from topo_search.model.module import Mount
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
 from topo_search.model.task import ResolvedTask, Task, with_older_defaults
 from topo_search.model.text import heading, paragraph, table

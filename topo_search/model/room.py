@@ -72,9 +72,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from topo_search.model.airflow import AirflowEnvelope
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array, read_only
 from topo_search.model.folds import LENGTH_ROUNDING, Folds, join
-from topo_search.model.module import AirflowEnvelope, Module
+from topo_search.model.module import Module
 
 LARGE = 4.0
 """Largest usual length at the end-effector, such as its rod or stand-off [packed widths]."""

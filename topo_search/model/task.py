@@ -18,11 +18,12 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from topo_search.limits import LIMITS
+from topo_search.model.end_effector import CountedRod, EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.features import GOALS, TASK_RULES, AskedFlight, Goals, Level, Tolerances
 from topo_search.model.folds import Folds, folds_text, intersect
 from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,

@@ -31,9 +31,10 @@ from itertools import chain, starmap
 from typing import Any, NamedTuple
 
 from topo_search.limits import quantity
+from topo_search.model.body import OUTWARDS, Body
 from topo_search.model.folds import folds_text
 from topo_search.model.load_case import LoadCase
-from topo_search.model.module import OUTWARDS, Body, Module
+from topo_search.model.module import Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width
 from topo_search.model.task import Task

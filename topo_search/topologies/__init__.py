@@ -3,12 +3,9 @@
 from topo_search.topologies.candidates import (
     Candidate,
     Family,
-    OwnTopology,
     candidate_of,
     candidates,
     count,
-    own_candidates,
-    own_topology,
     sample,
 )
 from topo_search.topologies.rooted import Connectors, Root, Symmetry

@@ -1,6 +1,4 @@
-"""Candidates of a search: enumerated, counted, looked up and sampled, or listed by a user.
-
-A user's list contains keys, trees or graphs; it is checked against the task before anything is solved.
+"""Candidates of a search: enumerated, counted, looked up and sampled.
 
 Numbers of candidates have closed forms, and sampling is exactly uniform:
 
@@ -29,17 +27,15 @@ word with m modules and 2m + s free slots, exactly s are the preorder text of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, islice
 from math import comb
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
-from topo_search.model.value import show
+from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies.rooted import (
     GROUPS,
     Connectors,
@@ -62,9 +58,6 @@ from topo_search.topologies.rooted import (
     turn,
 )
 from topo_search.topologies.task_symmetry import exact_group
-
-if TYPE_CHECKING:
-    import networkx as nx
 
 
 def forests(trees: int, modules: int) -> int:
@@ -388,81 +381,3 @@ def sample(n: int, m: int, seed: int, **family: Any) -> list[Topology]:
     ['a5020', 'a3010', 'a7000']
     """
     return Family(n, **family).sample(m, seed)
-
-
-OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
-"""Tree, key, or graph whose edges have `ports = {module: port}`, as returned by `Topology.graph`."""
-
-
-def own_candidates(
-    topologies: Iterable[OwnTopology],
-    task: Task,
-    *,
-    source: str = "topologies",
-    places: Mapping[int, str] | None = None,
-) -> tuple[str, ...]:
-    """Return the keys of listed topologies in ascending order.
-
-    Args:
-        topologies: list of topologies.
-        task: task that determines the sizes and the allowed connectors.
-        source: name of the list in messages.
-        places: position of each topology in messages; default: `[0]`, `[1]`, ...
-
-    Raises:
-        BadInput: one fault per topology that is invalid, of another size, not allowed by the task or a
-            duplicate, or for a size without topologies; or the list is empty or too long.
-    """
-    import networkx as nx
-
-    if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
-        actual = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
-        raise BadInput(source, f"must be a list of topologies, but got {actual}")
-    faults, positions = list[Fault](), dict[str, str]()
-    for number, item in enumerate(topologies):
-        if number >= LIMITS.own_topologies:
-            raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
-        position = f"[{number}]" if places is None else places[number]
-        try:
-            key = _require_allowed(own_topology(item), task).key
-            if key in positions:
-                raise ValueError(f"must be listed once, but {key} is in {positions[key]} already")
-            positions[key] = position
-        except ValueError as error:
-            faults.append(Fault(position, str(error)))
-    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in positions}]
-    if not faults and missing:
-        rule = f"a topology of each size of the task, but none has {missing[0]} modules"
-        faults.append(Fault("", f"must list {rule if positions else 'at least one topology, but has none'}"))
-    if faults:
-        shown = 20  # faults listed one by one
-        more = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
-        raise BadInput(source, [*faults[:shown], *more])
-    return tuple(sorted(positions))
-
-
-def own_topology(given: OwnTopology) -> Topology:
-    """Return the tree of a user's input; ValueError if it is invalid."""
-    if isinstance(given, Topology):
-        return given
-    if isinstance(given, str):
-        if len(given) > LIMITS.modules + 1:
-            raise ValueError(
-                f"must be a key of at most {LIMITS.modules} modules, but got a text of {len(given):,} characters"
-            )
-        return Topology.from_key(given)
-    import networkx as nx
-
-    if isinstance(given, nx.Graph):
-        return Topology.from_graph(given)
-    raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
-
-
-def _require_allowed(topology: Topology, task: Task) -> Topology:
-    """Return a tree if it can be a candidate for a task; ValueError otherwise."""
-    if topology.n not in task.sizes:
-        sizes = " or ".join(map(str, task.sizes))
-        raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
-    if task.search.connectors == "aligned" and not topology.aligned:
-        raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')
-    return topology

@@ -39,8 +39,8 @@ from numpy.typing import NDArray
 
 from topo_search.model import Module
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
+from topo_search.model.airflow import Airflow
 from topo_search.model.arrays import ROTOR_DIRECTIONS
-from topo_search.model.module import Airflow
 from topo_search.model.proven import at_most
 from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed

@@ -35,6 +35,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
+from topo_search.engine.own_sampler import TopologySampler
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.trials import (
     HALVING,
@@ -57,12 +58,11 @@ from topo_search.engine.strategy import (
     SamplerFactory,
     Stage,
     Strategy,
-    TopologySampler,
     Tried,
 )
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
-from topo_search.topologies import own_topology
+from topo_search.topologies.own_topologies import own_topology
 
 MIN_RESULTS, RESULT_DIVISOR = 8, 16
 """The sampler receives results in batches: at least MIN_RESULTS, and one in RESULT_DIVISOR of a large round."""

@@ -1,0 +1,46 @@
+"""The bracket that holds two modules at a hinge angle, as printed by the lab kit; the search ignores it.
+
+| symbol | meaning | unit |
+|---|---|---|
+| c | connector, l_c from both modules' centres: centre of the bracket | |
+| r | half width of a flange: bolt_circle / 2 + bolt_diameter / 2 + wall | m |
+| d | distance of the flanges' outer faces from c: r + thickness + wall | m |
+
+Two flanges at the distance d from c, one on either side and turned about c by up to 90 deg, stay farther apart than
+a wall thickness. So all mating faces of the modules are the same, at l_c - d from their centres.
+"""
+
+from __future__ import annotations
+
+import math
+
+from topo_search.model.value import Broken, Positive, Value
+
+
+class Bracket(Value):
+    """Bracket: two square flanges with four bolts each, connected by two webs."""
+
+    bolt_circle: Positive = 0.024
+    """Diameter of the bolt circle of a flange [m]; four bolts, at 45 deg to the hinge axis."""
+    bolt_diameter: Positive = 0.0032
+    """Diameter of the bolt holes [m]; default: for M3."""
+    thickness: Positive = 0.004
+    """Thickness of a flange [m]."""
+    wall: Positive = 0.003
+    """Wall thickness of the webs, and around bolts and rod [m]."""
+
+    def _broken_rules(self) -> Broken:
+        if self.bolt_circle / math.sqrt(2) <= 2 * self.bolt_diameter:
+            actual = f"bolt_circle = {self.bolt_circle}, bolt_diameter = {self.bolt_diameter}"
+            rule = "`bolt_circle > 2 sqrt(2) bolt_diameter` must hold, so that bolts leave room for each other"
+            yield "bolt_circle", f"{rule}, but got {actual}"
+
+    @property
+    def half_width(self) -> float:
+        """r: half-width of a flange [m]."""
+        return (self.bolt_circle + self.bolt_diameter) / 2 + self.wall
+
+    @property
+    def set_back(self) -> float:
+        """d: distance of the flanges' outer faces from the connector [m]."""
+        return self.half_width + self.thickness + self.wall
