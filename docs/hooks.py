@@ -19,8 +19,8 @@ from mkdocs.structure.pages import Page
 
 from topo_search.cli import GROUPS
 from topo_search.limits import LIMITS, Limits
-from topo_search.model.files import examples, task_template
 from topo_search.model.proven import gap_percent
+from topo_search.model.task_file import examples, task_template
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
 ROOT = Path(__file__).parents[1]

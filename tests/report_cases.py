@@ -10,7 +10,8 @@ from nlp_cases import random_tree
 from toy_problem import toy_run
 
 from topo_search.model import CaseFlight, Design, Flight, JointLoad, RotorsOut, Topology
-from topo_search.model.files import read_task, to_json
+from topo_search.model.files import to_json
+from topo_search.model.task_file import read_task
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of

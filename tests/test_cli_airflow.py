@@ -19,7 +19,8 @@ from topo_search.compose.binding import enclose_speed
 from topo_search.export.air_field import air_field, air_surface, npz, vti
 from topo_search.model import Design, Module
 from topo_search.model.air import SpeedEnvelope
-from topo_search.model.files import read_json, read_task, to_toml
+from topo_search.model.files import read_json, to_toml
+from topo_search.model.task_file import read_task
 from verify import audit
 from verify.air.bound import case_jets
 from verify.air.envelope import enclose, envelope_air, volume

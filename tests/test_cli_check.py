@@ -17,7 +17,7 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 
 import nlp
 from topo_search.export.task_picture import VIEWS, task_figure
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates
 
 check = partial(invoke, "check")

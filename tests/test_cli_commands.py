@@ -14,8 +14,9 @@ from wording import says
 import nlp
 from topo_search import compose
 from topo_search.model import Assembly, Design, EndEffectorSheet, Infeasible
-from topo_search.model.files import examples, read_json, read_task
+from topo_search.model.files import read_json
 from topo_search.model.search import Search
+from topo_search.model.task_file import examples, read_task
 from topo_search.topologies import candidates, count, sample
 
 TOY = """

@@ -12,7 +12,7 @@ from wording import says
 from topo_search.model import LoadCase, ResolvedTask, Task
 from topo_search.model.end_effector import CountedRod
 from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
-from topo_search.model.files import read_task, task_template
+from topo_search.model.task_file import read_task, task_template
 
 EXAMPLES = (
     "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|"

@@ -18,7 +18,8 @@ from verify_cases import fan
 import topo_search
 from topo_search import OwnConstraint, audit, solve, to_json
 from topo_search.model import Design
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
+from topo_search.model.task_file import read_task
 from topo_search.study import COLUMNS
 
 

@@ -25,7 +25,8 @@ from topo_search import compose, search
 from topo_search.compose import searching
 from topo_search.export import formats
 from topo_search.model import Task
-from topo_search.model.files import read_task, to_toml
+from topo_search.model.files import to_toml
+from topo_search.model.task_file import read_task
 
 CORE_PATH = (
     *("tutorials/first-search.md", "tutorials/own-module.md", "how-to/load-cases.md"),
@@ -248,7 +249,7 @@ MODULES = (
     "topo_search.model.topology",
     "topo_search.report.charts",
     "topo_search.report.progress",
-    "topo_search.study.summary",
+    "topo_search.study.answering",
     "topo_search.topologies.candidates",
 )
 

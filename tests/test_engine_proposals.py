@@ -24,7 +24,7 @@ from topo_search.engine.proposals import MIN_RESULTS, OptunaSearch, moves
 from topo_search.engine.proposals.trials import HALVING
 from topo_search.engine.strategy import Candidates, Proposal, SamplerFactory, Strategy, Tried
 from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
 FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], HALVING.first_starts)

@@ -9,7 +9,8 @@ import pytest
 import nlp
 from topo_search import search
 from topo_search.model import Audit, Design
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
+from topo_search.model.task_file import read_task
 from topo_search.simulation.campaign import fly_all
 from topo_search.simulation.fly import Options
 

@@ -28,7 +28,7 @@ import nlp
 from topo_search.export.mjcf import Physics, mjcf
 from topo_search.export.urdf import roll_pitch_yaw, urdf
 from topo_search.model import Design, LoadCase, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from verify.kinematics import platform, rotation, wrench_map
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from report_cases import design, grown
 from topo_search.export.picture import Drawing, draw, figure_of, title, wrenches
 from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Topology
-from topo_search.model.files import examples
 from topo_search.model.mesh import cone_sphere_outline
+from topo_search.model.task_file import examples
 from verify.kinematics import platform
 
 CROSS = Topology.from_key("af0000")

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from topo_search.model import Module, Task
-from topo_search.model.files import read_task, to_toml
+from topo_search.model.files import to_toml
+from topo_search.model.task_file import read_task
 from topo_search.report.task_warnings import task_warnings
 
 HOVER = {"carries_weight": True}

@@ -15,8 +15,9 @@ from commands import invoke
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Task
-from topo_search.model.files import read_json, read_task, validate, write_atomically
+from topo_search.model.files import read_json, validate, write_atomically
 from topo_search.model.mesh_file import convex_pieces, surface
+from topo_search.model.task_file import read_task
 
 TASK = """\
 name = "case"

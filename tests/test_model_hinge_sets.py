@@ -12,8 +12,9 @@ from nlp import default_starts, hinge_sets, proof_root, prove_chunk, solve
 from nlp.bounds.branch.search import halves
 from nlp.numbers.geometry import allowed_folds, fold_excess, nearest_angles, ranges
 from topo_search.model import BadInput, Design, Infeasible, Topology
-from topo_search.model.files import read_task, to_toml
+from topo_search.model.files import to_toml
 from topo_search.model.proof import chunk_count
+from topo_search.model.task_file import read_task
 from topo_search.report.task_warnings import task_warnings
 from topo_search.study.relaxing import relaxable
 from topo_search.topologies import candidates

@@ -15,10 +15,11 @@ from trimesh.creation import annulus, box, capsule, cylinder, icosphere
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design
 from topo_search.model.exposure import Local
-from topo_search.model.files import read_task, to_json, to_toml
+from topo_search.model.files import to_json, to_toml
 from topo_search.model.mesh_file import outer_hull
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull
+from topo_search.model.task_file import read_task
 from topo_search.report.task_warnings import task_warnings
 
 CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))

@@ -9,7 +9,8 @@ from topo_search.model import LoadCase, Module, Status, Task, Wrench, ten_wrench
 from topo_search.model.airflow import Airflow
 from topo_search.model.body import Body
 from topo_search.model.exposure import Directional, Exterior, Local
-from topo_search.model.files import read_task, to_json
+from topo_search.model.files import to_json
+from topo_search.model.task_file import read_task
 
 
 def test_the_default_module() -> None:

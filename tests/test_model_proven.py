@@ -19,7 +19,7 @@ from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import errors, nearest
 from topo_search.report.progress import describe
-from topo_search.study.summary import statement
+from topo_search.study.answering import statement
 
 PUSH = 0.088938
 """A gap of 8.89 % to the nearest, of which 8.90 % are proven."""

@@ -29,9 +29,10 @@ from topo_search.model import (
     Topology,
 )
 from topo_search.model.airflow import Airflow
-from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
+from topo_search.model.files import read_json, to_json, to_toml, validate, write_atomically
 from topo_search.model.goals import Goals
 from topo_search.model.reserves import AskedFlight
+from topo_search.model.task_file import examples, read_task
 from verify import audit
 
 EXAMPLES = [

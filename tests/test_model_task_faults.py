@@ -13,7 +13,8 @@ from nlp_cases import HOVER
 from wording import told
 
 from topo_search.model import BadInput, Fault, Task
-from topo_search.model.files import examples, read_task, validate
+from topo_search.model.files import validate
+from topo_search.model.task_file import examples, read_task
 
 TASK = """
 name = "t"

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from wording import says
 
 from topo_search.model import BadInput, Task
-from topo_search.model.files import examples, read_task
+from topo_search.model.task_file import examples, read_task
 from topo_search.model.value import _models_in
 from topo_search.report.task_warnings import USUAL, USUAL_AT_TARGET, task_warnings
 

@@ -12,8 +12,9 @@ from verify_cases import FAN, design
 
 from topo_search.model import BadInput, Design
 from topo_search.model.exposure import Local
-from topo_search.model.files import read_task, to_json, to_toml
+from topo_search.model.files import to_json, to_toml
 from topo_search.model.shape import convex_hull
+from topo_search.model.task_file import read_task
 
 TASK = """\
 name = "case"

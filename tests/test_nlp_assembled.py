@@ -28,7 +28,7 @@ from nlp.solve import solve
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
 from topo_search.model.corners import to_corners
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import sample
 from verify import audit
 

@@ -22,10 +22,11 @@ from nlp.units import Units
 from topo_search.model import Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.corners import to_corners
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
 from topo_search.model.proof import chunk_count, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import AskedFlight
+from topo_search.model.task_file import read_task
 from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere, clearances

@@ -18,7 +18,8 @@ TREE = Topology.from_key(KEY)
 SOLVE = f"""
 from nlp import solve
 from topo_search.model import Topology
-from topo_search.model.files import read_task, to_json
+from topo_search.model.files import to_json
+from topo_search.model.task_file import read_task
 design = solve(read_task("push").resolve(5), Topology.from_key("{KEY}"), starts=range(3), seed=4)
 print(to_json(design.model_copy(update={{"solver": None}})), end="")
 """

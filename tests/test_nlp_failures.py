@@ -26,7 +26,8 @@ from nlp.requirements.balances import (
 )
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.files import read_task, validate
+from topo_search.model.files import validate
+from topo_search.model.task_file import read_task
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 

@@ -10,7 +10,8 @@ from suites import few
 from nlp import lower_bound
 from nlp.numbers.geometry import largest_turn
 from topo_search.model import Design, Status, Topology
-from topo_search.model.files import examples, read_task, to_json
+from topo_search.model.files import to_json
+from topo_search.model.task_file import examples, read_task
 from verify import audit
 
 SHIPPED = [name for name in examples() if name.startswith(("push", "ten-wrenches"))]

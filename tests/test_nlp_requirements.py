@@ -11,7 +11,7 @@ from nlp.reduced.arrays import rows
 from nlp.requirements import clearances
 from nlp.solve import solve
 from topo_search.model import Design, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.model.topology import straight_chain
 from topo_search.study.request import with_margin
 from verify import audit

@@ -130,7 +130,7 @@ import sys
 import nlp
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 task, topology = read_task("push").resolve(7), Topology.from_key("a1111110")
 draw(task, topology, generator(task, topology, 0, 0))
 sys.exit("numba" in sys.modules)

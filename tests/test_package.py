@@ -22,8 +22,9 @@ from topo_search.compose import binding
 from topo_search.compose.drawer import Change, SharedKit
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
-from topo_search.model.files import examples, read_json, read_task, task_template, to_json, to_toml
+from topo_search.model.files import read_json, to_json, to_toml
 from topo_search.model.relaxed import Relaxation, Relaxed
+from topo_search.model.task_file import examples, read_task, task_template
 from topo_search.model.vehicle import Vehicle
 from topo_search.simulation.result import FlightResult
 from verify import audit

@@ -18,8 +18,9 @@ from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.engine import Job
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
 from topo_search.model.proven import gap_percent
+from topo_search.model.task_file import read_task
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page

@@ -8,7 +8,8 @@ from suites import few
 
 from nlp import lower_bound
 from topo_search.model import Design
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
+from topo_search.model.task_file import read_task
 from topo_search.simulation.campaign import fly_all
 from topo_search.simulation.fly import Options
 from topo_search.simulation.result import FlightResult, digest_of

@@ -17,7 +17,7 @@ from topo_search.model.air import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import COLUMNS, RunFolder
-from topo_search.study.summary import _reserve_order
+from topo_search.study.answering import _reserve_order
 
 RESERVES = {"a500": 1.25, "a600": 0.5, "aa00": 2.0, "a300": 0.25}
 COSTS = {"a500": 2.0, "a600": 2.015, "aa00": 2.019, "a300": 2.03}
@@ -144,7 +144,7 @@ def test_near_ties_are_ranked_by_force_then_torque_then_effort_and_unknown_reser
 
 
 def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr("topo_search.study.solving.AUDITED", 2)
+    monkeypatch.setattr("topo_search.study.solving.AUDIT_BATCH", 2)
     (size,) = toy_run(tmp_path / "run", backends=BACKENDS).sizes
     assert [row.key for row in size.near_ties] == ["a500", "a600"]
     assert size.near_ties_unaudited == 1

@@ -14,7 +14,8 @@ from topo_search.export.picture import Picture
 from topo_search.model import BadInput
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study import Solved
-from topo_search.study.ledger import FLIGHT, kind_of
+from topo_search.study.columns import kind_of
+from topo_search.study.ledger import FLIGHT
 from verify import audit
 
 

@@ -14,7 +14,7 @@ from topo_search.engine import Failed, Job
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS
-from topo_search.model.text import apply_settings
+from topo_search.model.task_file import apply_settings
 from topo_search.study import SilentObserver
 from topo_search.study.relaxing import RELAXING, relax, relaxable
 from topo_search.study.solving import Tools

@@ -13,7 +13,8 @@ from toy_problem import solved_keys, toy_run
 from wording import says
 
 from topo_search.model import Audit, BadInput, Design
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
+from topo_search.model.task_file import read_task
 from topo_search.study import COLUMNS, RunFolder, answer_of
 from topo_search.study.relaxing import RELAXING
 from topo_search.study.request import Request

@@ -9,7 +9,7 @@ import networkx as nx
 import pytest
 
 from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, count, sample
 
 NAMED: tuple[Symmetry, ...] = ("none", "c2", "d2", "c4", "d4")

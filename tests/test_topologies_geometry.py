@@ -14,7 +14,7 @@ from suites import few
 from test_topologies_task_symmetry import random_rotation
 
 from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import Connectors, candidate_of, candidates
 
 Array = NDArray[np.float64]

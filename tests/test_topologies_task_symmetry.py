@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from nlp import solve
 from topo_search.model import Design, EndEffector, LoadCase, ResolvedTask, Search, Task, Topology, Wrench
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, count, improper_isometry, resolve_symmetry
 from topo_search.topologies.rooted import image, key_of, rooted_of, text_of
 

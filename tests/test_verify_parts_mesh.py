@@ -9,8 +9,9 @@ from pydantic import ValidationError
 from verify_cases import changed, fan
 
 from topo_search.model import BadInput, Design, Status
-from topo_search.model.files import read_json, read_task, to_json
+from topo_search.model.files import read_json, to_json
 from topo_search.model.mesh_file import ConvexPiece
+from topo_search.model.task_file import read_task
 from verify import audit
 from verify.parts import module_parts
 

@@ -56,11 +56,12 @@ if TYPE_CHECKING:
     from topo_search.model.design import Stated, StatedCheck
     from topo_search.model.end_effector import CountedRod
     from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
-    from topo_search.model.files import read_json, read_task, to_json, to_toml
+    from topo_search.model.files import read_json, to_json, to_toml
     from topo_search.model.goals import Goals
     from topo_search.model.load_case import ForceCone
     from topo_search.model.mesh_file import ConvexPiece
     from topo_search.model.reserves import AskedFlight
+    from topo_search.model.task_file import read_task
     from topo_search.protocols import OwnConstraint, SymbolicPlatform
     from topo_search.report.charts import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines

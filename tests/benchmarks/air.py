@@ -25,7 +25,8 @@ import numpy as np
 from nlp import default_starts, prepare, solve
 from topo_search.compose import search
 from topo_search.model import Design, Task
-from topo_search.model.files import read_json, read_task
+from topo_search.model.files import read_json
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates
 from verify import audit
 from verify.air.bound import _points_in, bound_speed, case_jets

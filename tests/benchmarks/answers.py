@@ -22,14 +22,15 @@ from reduced import OLD_STARTS, source_of
 import nlp
 import verify
 from topo_search.model import Design, ResolvedTask
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 GALLERY = Path(__file__).resolve().parents[2] / "notebooks/results/gallery.json"
 SOLVE = """
 import json, sys
 from nlp.solve import solve
 from topo_search.model import Design, Topology
-from topo_search.model.files import read_task, to_json
+from topo_search.model.files import to_json
+from topo_search.model.task_file import read_task
 from verify import audit
 
 name, key, starts = sys.argv[1:]

@@ -16,7 +16,7 @@ from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.experiments.measuring import Clock
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import sample
 
 Row = dict[str, Any]

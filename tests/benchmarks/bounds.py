@@ -28,7 +28,7 @@ from nlp.problem import Constraint, problem
 from nlp.starts.random_starts import draw, generator
 from nlp.units import Units
 from topo_search.model import Design, ResolvedTask, Task, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, sample
 
 LOAD_FORCES = {

@@ -29,7 +29,7 @@ from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Candidates
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 SCHEDULES = ((24,), (12,), (16,), (32,), (48,), (72,), (3, 9, 24), (8, 24), (12, 24), (16, 24), (24, 72))
 """Numbers of starts at each rung."""

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 import topo_search
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 EXAMPLES = ("push", "push-local", "push-directional", "push-exterior-60", "push-exterior-90", "ten-wrenches")
 

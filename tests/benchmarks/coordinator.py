@@ -25,7 +25,7 @@ from engine_jobs import timed
 from nlp import default_starts
 from topo_search.compose import BACKENDS
 from topo_search.engine import Candidates, Engine, Failed, Job, Workers
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.study import Request, SilentObserver, run
 from topo_search.study.request import UserInputs
 

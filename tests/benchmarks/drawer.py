@@ -18,7 +18,7 @@ from collections import Counter
 
 from topo_search.compose.drawer import choose, count_kinds
 from topo_search.model import Design
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import sample
 
 

@@ -19,8 +19,8 @@ import nlp
 import topo_search
 from topo_search.experiments.comparisons import tree_of
 from topo_search.model import Audit, Design
-from topo_search.model.files import read_json, read_task
-from topo_search.model.text import PAPER
+from topo_search.model.files import read_json
+from topo_search.model.task_file import PAPER, read_task
 from topo_search.study import Answer
 
 EXAMPLES = (

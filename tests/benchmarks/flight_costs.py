@@ -20,7 +20,7 @@ from rows import Row, Rows
 import verify
 from nlp import default_starts, solve
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.study.request import Margins, margins, with_margin
 from topo_search.topologies import candidates
 

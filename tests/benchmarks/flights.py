@@ -25,7 +25,7 @@ import pandas as pd
 import verify
 from topo_search import search
 from topo_search.model import Design
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.simulation.controller import Allocator, PseudoInverseAllocator
 from topo_search.simulation.fly import Options, fly, judge
 from topo_search.simulation.plant import ModelErrors

@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from topo_search.compose import search
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 GOALS = ("goals.stand_off=[0.2, 0.38]", "goals.peak_input=[1.0, 0.95, 0.9]")
 

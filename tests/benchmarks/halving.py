@@ -23,7 +23,7 @@ import nlp
 from nlp import multistart
 from nlp.reduced import search
 from topo_search.model import Design
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import sample
 
 

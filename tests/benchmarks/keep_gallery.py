@@ -28,7 +28,8 @@ import topo_search
 from topo_search.export.picture import Drawing, figure_of
 from topo_search.export.poses import azimuth_deg, poses_to_draw
 from topo_search.model import Design
-from topo_search.model.files import examples, read_json, read_task, write_atomically
+from topo_search.model.files import read_json, write_atomically
+from topo_search.model.task_file import examples, read_task
 from verify.kinematics import Platform
 
 ROOT = Path(__file__).parents[2]

@@ -15,8 +15,8 @@ from typing import get_args
 from nlp import lower_bound, solve
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.exposure import half_spaces
-from topo_search.model.files import read_task
 from topo_search.model.proof import Problem, proof_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates
 
 FREE_TIP = {"exclusion": False, "rod": "none", "rod_deflection": None}

@@ -27,7 +27,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from nlp import default_starts
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, sample
 
 HERE = Path(__file__).resolve().parents[2]
@@ -46,7 +46,7 @@ def effort(task, topology):
 SERVE = """
 import json, sys, time
 from topo_search.model import Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 task = read_task(EXAMPLE, SETTINGS).resolve(N)
 first = True

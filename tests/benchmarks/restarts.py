@@ -27,7 +27,7 @@ from nlp.program import AssembledProgram
 from nlp.starts.random_starts import DRAWING, draw, generator, with_inputs
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, sample
 
 WITHIN = 1e-3

@@ -25,7 +25,7 @@ from topo_search.engine import Candidates, Proposal, Tried, scaled_violation
 from topo_search.engine.proposals import OptunaSearch
 from topo_search.engine.proposals.moves import BREEDING
 from topo_search.model import Design, ResolvedTask
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 
 class Job(NamedTuple):

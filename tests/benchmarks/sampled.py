@@ -22,7 +22,7 @@ import nlp.reduced
 from nlp.solve import REDUCED_STARTS, UNTANGLED_STARTS
 from topo_search.engine import Candidates
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 
 WITHIN = 1e-3
 """A tree is done within this relative distance of the least effort."""

@@ -23,7 +23,7 @@ from nlp.evaluation import correct
 from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask
-from topo_search.model.files import examples, read_task
+from topo_search.model.task_file import examples, read_task
 from topo_search.topologies import sample
 from verify import audit
 from verify.certificate import FLOOR

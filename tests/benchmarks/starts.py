@@ -22,7 +22,7 @@ from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates
 
 Draw = Callable[[ResolvedTask, Topology, np.random.Generator], Point]

@@ -26,7 +26,7 @@ import nlp
 from topo_search.engine import Candidates, Proposal, Tried, merge, record_of, scaled_violation
 from topo_search.engine.proposals import OptunaSearch
 from topo_search.model import Design, Infeasible, ResolvedTask, Task
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.study import DEFAULT_ROUND
 
 SAMPLERS = ("random", "moves", "nsga2", "tpe")

@@ -12,7 +12,7 @@ import argparse
 from topo_search.compose import BACKENDS
 from topo_search.engine import Job
 from topo_search.model import Design
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import sample
 
 

@@ -26,7 +26,7 @@ from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.topologies import candidate_of, sample
 
 WITHIN = 1e-3

@@ -27,7 +27,7 @@ from engine_jobs import timed
 
 from topo_search.compose import BACKENDS
 from topo_search.engine import DaskWorkers, Engine, Failed, Workers
-from topo_search.model.files import read_task
+from topo_search.model.task_file import read_task
 from topo_search.study import Request, SilentObserver, run
 
 

@@ -147,7 +147,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
         BadInput: the task is invalid, or another option sets a field that `--paper` sets.
     """
     from topo_search.compose.binding import enclose_speed
-    from topo_search.model.text import PAPER
+    from topo_search.model.task_file import PAPER
 
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
@@ -196,7 +196,7 @@ def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
 
 def _conflicts(setting: str, settings: tuple[str, ...]) -> bool:
     """True if a setting sets the same field as one of `settings`, or a table that contains it."""
-    from topo_search.model.text import field_of
+    from topo_search.model.task_file import field_of
 
     path = field_of(setting)
     return bool(path) and any(all(a == b for a, b in zip(path, field_of(each), strict=False)) for each in settings)

@@ -116,7 +116,8 @@ def compare(first: Path, second: Path, out: Path) -> None:
 
 def _figures(design: Compared) -> dict[str, object]:
     """Return the figures of a design, named like columns of `candidates.csv`."""
-    from topo_search.study.ledger import figures_of, flight_of
+    from topo_search.study.columns import figures_of
+    from topo_search.study.ledger import flight_of
 
     audit = design.audit
     return {

@@ -10,11 +10,10 @@ from typing import Any
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
-from topo_search.model.design import NOT_CERTIFIED
-from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
+from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, upper_text
 from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
 from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
-from topo_search.study.ledger import proven_cell
+from topo_search.study.columns import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of a line about a design without such a rod."""

@@ -28,7 +28,8 @@ def init(file: Path, force: bool) -> None:
 
     Exit status: 0 written; 2 bad input.
     """
-    from topo_search.model.files import task_template, write_atomically
+    from topo_search.model.files import write_atomically
+    from topo_search.model.task_file import task_template
 
     if file.exists() and not force:
         raise ts.BadInput(str(file), "already exists; --force overwrites it")
@@ -42,9 +43,9 @@ def init(file: Path, force: bool) -> None:
 @options.as_json
 def examples() -> None:
     """List the names of the shipped tasks, which `run` and `solve` take."""
-    from topo_search.model import files
+    from topo_search.model.task_file import examples
 
-    names = files.examples()
+    names = examples()
     options.echo_answer(names, names)
 
 

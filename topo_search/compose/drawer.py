@@ -42,8 +42,8 @@ from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.files import to_json, write_atomically
+from topo_search.model.html import paragraph, table
 from topo_search.model.proven import upper_text
-from topo_search.model.text import paragraph, table
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Index, Number, Value
 from topo_search.report.wording import quantity

@@ -27,8 +27,8 @@ from topo_search.compose.designs import write_page
 from topo_search.engine import DaskWorkers, Workers
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, Task
-from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
+from topo_search.model.task_file import read_task
 from topo_search.protocols import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,

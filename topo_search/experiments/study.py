@@ -45,7 +45,8 @@ from topo_search.engine import Backends, Failed, Job, Workers, audit_deadline, m
 from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.limits import LIMITS
 from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology
-from topo_search.model.files import load_json, load_text, read_task, write_atomically
+from topo_search.model.files import load_json, load_text, write_atomically
+from topo_search.model.task_file import read_task
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
 from topo_search.study import Observer, Phase, SilentObserver

@@ -19,8 +19,9 @@ from topo_search.export.poses import ROTOR_ANGLES, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
+from topo_search.model.html import paragraph, table
 from topo_search.model.task import ResolvedTask
-from topo_search.model.text import csv_text, paragraph, table
+from topo_search.model.text import csv_text
 from topo_search.model.topology import PORT_NAMES
 from verify.kinematics import Platform, platform
 

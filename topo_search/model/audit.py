@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
 from topo_search.model.clearance import Clearance, Status, counts
-from topo_search.model.design import NOT_CERTIFIED, StatedCheck
+from topo_search.model.design import StatedCheck
 from topo_search.model.features import (
     WITHIN_TOLERANCES,
     AirSpeeds,
@@ -17,9 +16,9 @@ from topo_search.model.features import (
     Flight,
     MeshExcess,
     Sensitivity,
+    audit_html,
 )
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.text import heading, paragraph, table
 from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value
 
 if TYPE_CHECKING:
@@ -157,29 +156,4 @@ class Audit(Value):
             f"({attained} m in an example), {worst.name}" + measured * "; measured, not required"
         )
 
-    def _repr_html_(self) -> str:
-        """Show the verdict, the smallest clearances and all failures in a notebook."""
-        nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
-        not_clear = sum(pair.status is not Status.CLEAR for pair in self.pairs)
-
-        def bound(value: float | None, text: Callable[[float], str]) -> str | None:
-            return None if value is None else text(value)
-
-        pairs = [
-            (p.name, p.status, bound(p.lower_m, lower_text), bound(p.upper_m, upper_text), lower_text(p.analytic_m))
-            for p in nearest[: max(not_clear, 10)]  # at least ten
-        ]
-        html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
-        html += paragraph(self.inputs_words) if self.inputs_words is not None else ""
-        head = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
-        html += table(head, pairs)
-        if failures := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
-            rows = [
-                (r.name, upper_text(r.value), r.unit, upper_text(r.scaled), lower_text(r.tolerance), r.status)
-                for r in failures
-            ]
-            html += heading("not met:") + table(("name", "value", "unit", "scaled", "tolerance", "status"), rows)
-        if self.stated:
-            checks = [(row.name, row.bounds, row.words) for row in self.stated]
-            html += heading(f"{NOT_CERTIFIED}:") + table(("constraint", "bounds", "result"), checks)
-        return html
+    _repr_html_ = audit_html

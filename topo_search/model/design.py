@@ -8,7 +8,6 @@ constraints are evaluated, never certified: files hold their names, bounds and v
 from __future__ import annotations
 
 import json
-import math
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal
@@ -25,14 +24,12 @@ from pydantic import (
     field_validator,
 )
 
-from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.end_effector import Mount
-from topo_search.model.features import Relaxed
-from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
+from topo_search.model.features import Relaxed, design_html
+from topo_search.model.proven import at_least, lower_text, upper_text
 from topo_search.model.task import ResolvedTask, Task, with_older_defaults
-from topo_search.model.text import heading, paragraph, table
-from topo_search.model.topology import PORT_NAMES, Joint, Topology
+from topo_search.model.topology import Joint, Topology
 from topo_search.model.value import (
     OMIT_EMPTY,
     Broken,
@@ -46,9 +43,6 @@ from topo_search.model.value import (
     every_field,
     show,
 )
-
-NOT_CERTIFIED = "stated by the user, not certified"
-"""Words for a claim without proof."""
 
 Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
 """One line of text."""
@@ -291,22 +285,7 @@ class Design(Geometry):
         """u as a read-only array, shape (K, n, 4) [rad^2/s^2]."""
         return read_only(np.asarray(self.rotor_speeds_squared).reshape(-1, self.topology.n, 4))
 
-    def _repr_html_(self) -> str:
-        """Show joints, angles and effort in a notebook."""
-        gap = "" if self.gap is None else f", gap to the lower bound {gap_percent(self.gap)}"
-        title = heading(f"{self.task.name}: {quantity(self.topology.n, 'module')}, {self.topology.key}")
-        effort = paragraph(f"J = {self.objective:.6g} rad^4/s^4{gap}")
-        joints = zip(self.topology.edges(), self.hinge_angles_rad, strict=True)
-        rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, i, a, b), alpha in joints]
-        psi, alpha_0, alpha_1 = (f"{math.degrees(angle):.6g}" for angle in self.root_orientation_rad)
-        position = ", ".join(f"{x:.6g}" for x in self.end_effector_m)
-        return (
-            title
-            + effort
-            + table(("module", "port", "child", "its port", "hinge angle [deg]"), rows)
-            + paragraph(f"root module: psi = {psi}, alpha_0 = {alpha_0}, alpha_1 = {alpha_1} deg")
-            + paragraph(f"end-effector at [{position}] m from the root module's centre")
-        )
+    _repr_html_ = design_html
 
     @staticmethod
     def gap_of(objective: float, lower_bound: float) -> float | None:

@@ -9,6 +9,7 @@ from topo_search.model.air import AirSpeeds
 from topo_search.model.assembly import Assembly
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
+from topo_search.model.html import audit_html, design_html
 from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.relaxed import Relaxed
 from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
@@ -21,5 +22,5 @@ CORNER_SETS = (reserve_corners, failure_corners)
 
 __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly", "CasePower",
-    "Flight", "Goals", "Level", "MeshExcess", "Relaxed", "Sensitivity", "Tolerances",
+    "Flight", "Goals", "Level", "MeshExcess", "Relaxed", "Sensitivity", "Tolerances", "audit_html", "design_html",
 ]  # fmt: skip

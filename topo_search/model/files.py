@@ -5,7 +5,6 @@ from __future__ import annotations
 import errno
 import os
 import secrets
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,8 +14,8 @@ from pydantic import BaseModel, ValidationError
 from topo_search.limits import LIMITS
 from topo_search.model.design import Design, Geometry
 from topo_search.model.task import Task
-from topo_search.model.text import Folder, NotReadable, apply_settings, json_data, read_text, toml_data
-from topo_search.model.value import BadInput, Fault, as_bad_input, faults_of, nearest
+from topo_search.model.text import Folder, NotReadable, json_data, read_text
+from topo_search.model.value import BadInput, as_bad_input, faults_of
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -37,58 +36,6 @@ def validate(model: type[Model], data: Any, source: str, folder: Folder | None =
         return model.model_validate(data, context=folder)
     except ValidationError as error:
         raise BadInput(source, faults_of(error, model)) from None
-
-
-def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
-    """Return the task of a TOML file or of a shipped example, with `FIELD=VALUE` settings applied.
-
-    Paths of meshes are relative to the file's folder; in a shipped example, to the current one.
-
-    Args:
-        path: file, or name of a shipped example.
-        settings: changes to the file's fields, applied in order.
-
-    Raises:
-        BadInput: one fault per broken rule, or the figure of merit of the rotors is above 1.
-
-    >>> read_task("push", ("modules=[3, 4]",)).modules
-    (3, 4)
-    """
-    if not isinstance(path, str | os.PathLike):
-        rule = f"must be a Task, a file or the name of a shipped example, but got {type(path).__name__}"
-        raise BadInput("task", rule)
-    name = str(path)
-    if name in examples():
-        text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
-    else:
-        hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
-        text = load_text(path, most_bytes=LIMITS.task_bytes, if_missing=hint)
-    with as_bad_input(name):
-        data = toml_data(text)
-    apply_settings(data, settings)
-    folder = Path() if name in examples() else Path(path).parent
-    task = validate(Task, data, name, Folder(folder))
-    if (merit := task.module.figure_of_merit(task.air_density)) > 1:
-        field = "torque_to_thrust" if task.module.torque_to_thrust else "torque_coefficient"
-        cause = "has so little drag torque for its thrust"
-        if (C_T := task.module.propeller_coefficient(task.air_density)) > 1:  # propellers have 0.05 to 0.2
-            field, cause = "thrust_coefficient", f"has C_T = {C_T:.3g}: is it in N s^2/rad^2, not per krpm^2?"
-        rule = f"must give a figure of merit of at most 1, but got {merit:.3g}"
-        radius = task.module.body.rotor_radius
-        raise BadInput(name, [Fault(f"module.{field}", f"{rule}: no rotor of {radius:g} m radius {cause}")])
-    return task
-
-
-def examples() -> list[str]:
-    """Return the names of the shipped tasks."""
-    folder = resources.files("topo_search") / "examples"
-    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
-
-
-def task_template(name: str) -> str:
-    """Return a commented task file to start from: every field with its default and meaning."""
-    text = (resources.files("topo_search.model") / "template.toml").read_text(encoding="utf-8")
-    return text.replace('name = "task"', f'name = "{name}"', 1)
 
 
 def read_json(model: type[Model], path: str | Path) -> Model:

@@ -14,6 +14,8 @@ from __future__ import annotations
 import sys
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
+NOT_CERTIFIED = "stated by the user, not certified"
+"""Words for a claim without proof."""
 SOLVER_PRECISION = 1.0e-6
 """Relative precision of the solver's objective: efforts that differ by less count as equal."""
 

@@ -17,8 +17,8 @@ from topo_search.model import Audit, Design, ResolvedTask, Status
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
+from topo_search.model.html import paragraph, table
 from topo_search.model.proven import gap_percent, lower_text
-from topo_search.model.text import paragraph, table
 from topo_search.model.value import BadInput, Fault, as_bad_input, show
 from topo_search.model.vehicle import Capability
 from topo_search.report import Figure, Table, Tile

@@ -23,7 +23,7 @@ from topo_search.report.scene import closest
 from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules, rounded_down, rounded_up
 from topo_search.study import Answer, Row, RunFolder
-from topo_search.study.ledger import figures_of
+from topo_search.study.columns import figures_of
 from topo_search.study.proofs import ProofState
 
 

@@ -8,8 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from topo_search.model import Infeasible
-from topo_search.model.design import NOT_CERTIFIED
-from topo_search.model.proven import at_least, gap_percent, upper_text
+from topo_search.model.proven import NOT_CERTIFIED, at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound
@@ -28,7 +27,7 @@ from topo_search.study import (
     UserInputs,
     answer_of,
 )
-from topo_search.study.ledger import kind_of
+from topo_search.study.columns import kind_of
 from topo_search.study.proofs import candidates_of
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from topo_search.model.design import Design
-from topo_search.model.text import heading, paragraph, table
+from topo_search.model.html import heading, paragraph, table
 from topo_search.model.value import Flag, Index, Number, Value, Vector
 from topo_search.study.request import digest
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 from topo_search.model import Audit, Design, FastAir, Level, Relaxed
 from topo_search.model.proven import gap_percent
-from topo_search.model.text import heading, paragraph, table
-from topo_search.study.ledger import FLIGHT, Row, proven_cell
+from topo_search.study.ledger import Row
 from topo_search.study.pareto import FrontPoint, idle_goals
-from topo_search.study.tables import candidates, front_table, shortfalls, solves
+from topo_search.study.tables import answer_html, candidates, front_table, shortfalls, size_html, solves
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 
 SHOWN = 10
 """Number of best designs in a table."""
-NEAR_BEST = 0.01
-"""Largest excess of effort over the best, as a share, for a design to count as equally good."""
 
 
 @dataclass(frozen=True)
@@ -97,27 +94,7 @@ class SizeAnswer:
             return row.gap
         return max(0.0, 1 - (1 - self.proven_gap) * best / row.objective)
 
-    def _repr_html_(self) -> str:
-        """Return the best designs of this size for a notebook."""
-        title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({self.counts or 'none settled'})")
-        names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
-        rows = [
-            (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
-            for row, gap in ((row, self.gap_of(row)) for row in self.top)
-        ]
-        relaxed = self.relaxed.sentences if self.relaxed else ()
-        remarks = (self.quotient, *self.remarks, *([self.reason] if self.reason else []), *relaxed)
-        html = title + (table(names, rows) if rows else "")
-        if len(self.near_ties) > 1:
-            ties = [
-                (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
-                for row in self.near_ties
-            ]
-            html += heading(
-                f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first"
-            )
-            html += table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
-        return html + "".join(paragraph(text) for text in remarks)
+    _repr_html_ = size_html
 
 
 @dataclass(frozen=True)
@@ -290,21 +267,7 @@ class Answer:
     def _all_sizes(self) -> tuple[SizeAnswer, ...]:
         return tuple(size for level in self.levels for size in level.sizes) or self.sizes
 
-    def _repr_html_(self) -> str:
-        """Return a sentence and a table for each size, or for the front, for a notebook."""
-        if self.levels:
-            columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
-            names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
-            rows = [
-                tuple(
-                    point.cells[name] if name == "objective" else proven_cell(name, point.cells[name])
-                    for name in names
-                )
-                for point in self.points
-            ]
-            html = heading(f"front of {len(self.points)} designs, found at {len(self.levels)} levels")
-            return html + table(columns, rows) + paragraph(f"everything is in {self.folder}")
-        return "".join(size._repr_html_() for size in self.sizes) + paragraph(f"everything is in {self.folder}")
+    _repr_html_ = answer_html
 
     @property
     def exit_status(self) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import sqlite3
 import time
 import zlib
@@ -24,7 +23,6 @@ from typing import Self
 from topo_search.engine import Failed, Outcome, Tried, record_of, scaled_violation
 from topo_search.model import Audit, Design, Flight, Infeasible, ResolvedTask
 from topo_search.model.files import to_json
-from topo_search.model.proven import lower_text, upper_text
 from topo_search.study.directory import RunFiles
 from topo_search.study.ledger_file import LedgerLost, checked_text, damage, open_database, parse
 from topo_search.study.request import Context, Identity, digest, installed_versions
@@ -39,8 +37,8 @@ FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
     "rod_length_m": lambda flight: flight.rod_length_m,
 }
 """Columns of figures from an audit that each row stores, and how to read them from the audit."""
-AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
-"""Columns of figures that are read from the audit itself; rows do not store them."""
+NEAR_BEST = 0.01
+"""Largest excess of effort over the best, as a share, for a design to count as equally good."""
 
 
 @dataclass(frozen=True)
@@ -108,11 +106,6 @@ class Row:
 
 
 ROW_FIELDS = tuple(field.name for field in fields(Row))
-COLUMNS = (
-    *(*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED),
-    *("proven_bound", "proven_gap", "proof", "proven_problem"),
-)
-"""Columns of `candidates.csv`: the row's fields before `asked`, then figures from audits, then proofs."""
 
 
 @dataclass(frozen=True)
@@ -145,46 +138,16 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int,
     return replace(candidate, status="feasible", objective=outcome.objective, gap=gap)
 
 
-def proven_cell(name: str, value: object, digits: int = 6) -> object:
-    """Return an audit's figure for a table, rounded towards the side that is proven."""
-    if not isinstance(value, float):
-        return value
-    upper_bounds = {"air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "rod_length_m"}  # others: lower bounds
-    upper_bounds |= {"speed", "joint_moment", "peak_input"}  # goals
-    return upper_text(value, digits) if name in upper_bounds else lower_text(value, digits)
-
-
 def flight_of(audit: Audit) -> dict[str, float | int | None]:
     """Return the audit's figures that a row stores, by the names of FLIGHT."""
     flight = audit.flight
     return {name: None if flight is None else read(flight) for name, read in FLIGHT.items()}
 
 
-def figures_of(audit: Audit) -> dict[str, float | None]:
-    """Return the audit's figures that a row does not store, by the names of AUDITED.
-
-    Shaft power in hover [W]; the fastest air at the end-effector and over regions in any load case [m/s]; in hover,
-    the size of any force that can be added at the centre of mass [N] and the largest tilt [deg].
-    """
-    hover, air = None if audit.flight is None else audit.flight.hover, audit.air
-    return {
-        "power_W": next((case.shaft_W for case in audit.power if hover and case.name == hover.name), None),
-        "air_tip_m_s": None if air is None else air.tip_m_s,
-        "air_region_m_s": None if air is None else air.region_m_s,
-        "force_reserve_com_N": None if hover is None else hover.force_reserve_com_N,
-        "tilt_deg": None if hover is None else hover.tilt_deg,
-    }
-
-
 def score_of(row: Row, task: ResolvedTask) -> Tried:
     """Return the result of a candidate as its strategy receives it."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
     return Tried(row.key, row.asked, row.status, row.objective, violation)
-
-
-def kind_of(constraint: str) -> str:
-    """Return the name of a constraint without module numbers."""
-    return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
 
 
 class _Sql:

@@ -27,9 +27,10 @@ from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.goals import GOALS, Goal, Level
 from topo_search.model.load_case import Failing
 from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
+from topo_search.study.columns import proven_cell
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.ledger import Row, proven_cell
+from topo_search.study.ledger import Row
 
 if TYPE_CHECKING:
     from topo_search.study.answer import Answer

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing", "writing"]
 
-AUDITED = 10
+AUDIT_BATCH = 10
 """Number of designs in a batch of audits."""
 
 
@@ -145,7 +145,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
                 name: PhaseName = "polishing" if before else "searching"
                 if unsolved > 0:
                     phases.append(solving_phase(name, context.task, unsolved, stop, before))
-            phases.append(audit_phase(n, min(AUDITED, candidates)))
+            phases.append(audit_phase(n, min(AUDIT_BATCH, candidates)))
     return Plan((*phases, WRITING), workers, time_limit)
 
 

@@ -19,6 +19,7 @@ from topo_search.model.files import to_json
 from topo_search.model.proof import Aim, Problem, chunk_count
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study.answer import Answer
+from topo_search.study.answering import answer_of, detect_loss
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
@@ -26,7 +27,6 @@ from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
 from topo_search.study.proofs import claim_of, proofs_for, proofs_of, sizes_with_best, target, unfinished_proofs
 from topo_search.study.request import Request
-from topo_search.study.summary import answer_of, detect_loss
 from topo_search.study.tables import write_candidates
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]

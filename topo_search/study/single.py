@@ -19,7 +19,7 @@ from topo_search.engine import (
     scaled_violation,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
-from topo_search.model.text import paragraph
+from topo_search.model.html import paragraph
 from topo_search.study.progress import SilentObserver
 from topo_search.study.relaxing import relax
 from topo_search.study.request import Margins, margins, with_margin

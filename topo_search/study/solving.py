@@ -36,7 +36,7 @@ from topo_search.engine import (
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score_of
-from topo_search.study.progress import AUDITED, Observer, PhaseName, audit_phase, solving_phase
+from topo_search.study.progress import AUDIT_BATCH, Observer, PhaseName, audit_phase, solving_phase
 from topo_search.study.request import Context, Margins, Request
 
 
@@ -279,8 +279,8 @@ def needs_audit(ledger: Ledger, contexts: Sequence[Context], starts: int) -> boo
 
 def _batches(ledger: Ledger, context: Context) -> Iterator[list[Row]]:
     """Yield batches of designs, best first, until a clear one is at least as good as all that follow."""
-    for first in count(0, AUDITED):
-        batch, best = ledger.best_designs(context, first, AUDITED), ledger.best_clear(context.task.n)
+    for first in count(0, AUDIT_BATCH):
+        batch, best = ledger.best_designs(context, first, AUDIT_BATCH), ledger.best_clear(context.task.n)
         if not batch or (first and best is not None and _objective(best) <= _objective(batch[0])):
             return
         yield batch

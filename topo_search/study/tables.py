@@ -1,4 +1,4 @@
-"""Tables of a run: `candidates.csv`, and data frames of its candidates, shortfalls, solves and front."""
+"""Tables of a run: `candidates.csv`, data frames of candidates, shortfalls, solves and front, and HTML."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topo_search.model import Infeasible
+from topo_search.model.html import heading, paragraph, table
+from topo_search.model.proven import gap_percent
+from topo_search.study.columns import AUDIT_FIGURES, COLUMNS, figures_of, kind_of, proven_cell
 from topo_search.study.folder import RunFolder
-from topo_search.study.ledger import AUDITED, COLUMNS, FLIGHT, SolveEvent, figures_of, kind_of
+from topo_search.study.ledger import FLIGHT, NEAR_BEST, SolveEvent
 from topo_search.study.pareto import FRONT_COLUMNS, FrontPoint
 from topo_search.study.proofs import candidates_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from topo_search.study.answer import Answer, SizeAnswer
 
 
 def write_candidates(folder: RunFolder) -> None:
@@ -27,7 +32,7 @@ def write_candidates(folder: RunFolder) -> None:
 def _cells(folder: RunFolder, n: int) -> Iterator[list[object]]:
     """Yield the rows of `candidates.csv` for n modules."""
     for row, state, audit in candidates_of(folder, n):
-        figures = {**state._asdict(), **(dict.fromkeys(AUDITED) if audit is None else figures_of(audit))}
+        figures = {**state._asdict(), **(dict.fromkeys(AUDIT_FIGURES) if audit is None else figures_of(audit))}
         yield [figures[name] if name in figures else getattr(row, name) for name in COLUMNS]
 
 
@@ -40,7 +45,16 @@ def candidates(path: Path) -> pd.DataFrame:
         BadInput: it is not a run folder.
     """
     frame = _frame(path, COLUMNS, _cells)
-    numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, *AUDITED, "proven_bound", "proven_gap")
+    numbers = (
+        "objective",
+        "lower_bound",
+        "gap",
+        "violation",
+        *FLIGHT,
+        *AUDIT_FIGURES,
+        "proven_bound",
+        "proven_gap",
+    )
     return frame.astype(dict.fromkeys(numbers, "float64"))
 
 
@@ -91,3 +105,40 @@ def _frame(
         goals = folder.request.task.goals.names
     frame = pd.DataFrame(rows, columns=[*columns, "level"])
     return frame if goals else frame.drop(columns="level")
+
+
+def size_html(size: SizeAnswer) -> str:
+    """Return the best designs of this size for a notebook."""
+    title = heading(f"modules: {size.modules}; candidates: {size.candidates} ({size.counts or 'none settled'})")
+    names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
+    rows = [
+        (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
+        for row, gap in ((row, size.gap_of(row)) for row in size.top)
+    ]
+    relaxed = size.relaxed.sentences if size.relaxed else ()
+    remarks = (size.quotient, *size.remarks, *([size.reason] if size.reason else []), *relaxed)
+    html = title + (table(names, rows) if rows else "")
+    if len(size.near_ties) > 1:
+        ties = [
+            (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
+            for row in size.near_ties
+        ]
+        html += heading(f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first")
+        html += table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+    return html + "".join(paragraph(text) for text in remarks)
+
+
+def answer_html(answer: Answer) -> str:
+    """Return a sentence and a table for each size, or for the front, for a notebook."""
+    if answer.levels:
+        columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
+        names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
+        rows = [
+            tuple(
+                point.cells[name] if name == "objective" else proven_cell(name, point.cells[name]) for name in names
+            )
+            for point in answer.points
+        ]
+        html = heading(f"front of {len(answer.points)} designs, found at {len(answer.levels)} levels")
+        return html + table(columns, rows) + paragraph(f"everything is in {answer.folder}")
+    return "".join(size_html(size) for size in answer.sizes) + paragraph(f"everything is in {answer.folder}")

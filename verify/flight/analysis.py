@@ -31,15 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import (
-    CaseFlight,
-    Design,
-    Flight,
-    JointLoad,
-    LoadCase,
-    RotorsOut,
-    Wrench,
-)
+from topo_search.model import CaseFlight, Design, Flight, JointLoad, LoadCase, RotorsOut, Wrench
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
 from topo_search.model.value import Vector

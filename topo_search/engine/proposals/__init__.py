@@ -51,15 +51,7 @@ from topo_search.engine.proposals.trials import (
     value,
     violation,
 )
-from topo_search.engine.strategy import (
-    WAIT,
-    Candidates,
-    Proposal,
-    SamplerFactory,
-    Stage,
-    Strategy,
-    Tried,
-)
+from topo_search.engine.strategy import WAIT, Candidates, Proposal, SamplerFactory, Stage, Strategy, Tried
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.topologies.own_topologies import own_topology
