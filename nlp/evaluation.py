@@ -105,7 +105,7 @@ class Correction(NamedTuple):
 CORRECTION = Correction()
 
 
-Bounds = tuple[Array, Array]
+InputBounds = tuple[Array, Array]
 """Minimum and maximum input of every rotor in every load case, shape (K, 4n) each."""
 
 
@@ -133,7 +133,7 @@ def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
     return replace(point, root=root, u=u.reshape(point.u.shape))
 
 
-def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: Bounds) -> Array:
+def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBounds) -> Array:
     """Return the minimum inputs of the wrenches b (K, 6), shape (K, 4n), or u where that is better balanced."""
     from nlp.reduced.inputs import dual  # compiled code, which most tasks need not load
 
@@ -151,7 +151,7 @@ def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: Bounds)
     return np.where(better[:, None], smallest, u)
 
 
-def _balance(A: Array, b: Array, u: Array, bounds: Bounds) -> Array:
+def _balance(A: Array, b: Array, u: Array, bounds: InputBounds) -> Array:
     """Correct inputs u (K, 4n) in place to produce the wrenches b (K, 6) within their bounds; return u."""
     active = np.arange(len(b))
     for _ in range(CORRECTION.passes):

@@ -5,7 +5,7 @@ The core imports this list, and besides it only the features that its contract i
 
 from __future__ import annotations
 
-from nlp.air.lazy import SpeedLimits
+from nlp.air.lazy_rows import SpeedLimits
 from nlp.bounds.proofs import prove_impossible
 from nlp.joints import JointLoads
 from nlp.pseudo_inverse import pseudo_inverse_constraints

@@ -22,8 +22,8 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from nlp.corners import solve_with_corners, with_some_corners
 from nlp.evaluation import correct
+from nlp.lazy_solve import solve_lazily, with_some_corners
 from nlp.multistart import POLISHING, PolishLimits, ReducedSearch
 from nlp.numbers.geometry import allowed_folds, signs
 from nlp.numbers.point import Point
@@ -274,7 +274,7 @@ def _solve_full(
     def solve(start: int, x: Array, combination: Combination) -> _Solution[StartResult]:
         point = replace(free[start].point, task=task, root=x[:3], alpha=angles.angles(combination))
         origin = with_some_corners(correct(point, refit=True), free[start].corners)
-        result = solve_with_corners(task, start, origin, constraints)
+        result = solve_lazily(task, start, origin, constraints)
         return _Solution(start, combination, result.rank[:2], result.point.pack(), result)
 
     return [solution.minimum for solution in _search(angles, optima, solve, MAX_FULL, most_effort or 0.0)]

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.corners import judge, solve_with_corners, without_corners
 from nlp.evaluation import correct_point
 from nlp.features import LAZY_ROWS
+from nlp.lazy_solve import judge, solve_lazily, without_corners
 from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.reduced.arrays import ReducedProblem, to_arrays
@@ -30,8 +30,8 @@ from nlp.starts.random_starts import generator
 from nlp.starts.reduced_starts import draw_starts, place_starts
 from nlp.starts.warm_start import warm_start
 from nlp.units import Units
+from topo_search.compiled_code import is_cached
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.compiled_code import is_cached
 from topo_search.model.corners import CorneredTask
 from topo_search.model.topology import straight_chain
 
@@ -208,7 +208,7 @@ class ReducedSearch:
             costly = in_air and minimum.merit > POLISHING.max_merit_ratio * least_effort
             if polished and (costly or minimum.violation > POLISHING.max_violation):
                 continue
-            result = solve_with_corners(self._task, minimum.starts[0], self._origin(minimum), self._constraints)
+            result = solve_lazily(self._task, minimum.starts[0], self._origin(minimum), self._constraints)
             polished += 1
             if result.worst.met:
                 least_effort = min(least_effort, result.objective / self.effort_unit)

@@ -86,7 +86,7 @@ class PythonFunction(ca.Callback):
         return 0
 
 
-Options = Mapping[str, int | float | str]
+IpoptOptions = Mapping[str, int | float | str]
 
 
 class MoveLimits(NamedTuple):
@@ -115,23 +115,23 @@ class MoveLimits(NamedTuple):
     """Smallest relative decrease of the worst violation that leads to a further round, one exception aside."""
 
 
-LIMITS = MoveLimits()
+MOVE_LIMITS = MoveLimits()
 
 
 class RoundOptions(NamedTuple):
     """Options of Ipopt for rounds."""
 
-    mumps: Options = MappingProxyType({"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0})
+    mumps: IpoptOptions = MappingProxyType({"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0})
     """Approximate minimum degree ordering without permutation: half the time of MUMPS's default at 40 modules."""
-    near_start: Options = MappingProxyType(
+    near_start: IpoptOptions = MappingProxyType(
         {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_iter": 100, "ipopt.tol": 1e-6}
     )
     """For all rounds, which are short and start from the previous one."""
-    warm: Options = MappingProxyType({"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5})
+    warm: IpoptOptions = MappingProxyType({"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5})
     """For rounds that start from a design."""
-    next_to_minimum: Options = MappingProxyType({"ipopt.mu_init": 1e-6})
+    next_to_minimum: IpoptOptions = MappingProxyType({"ipopt.mu_init": 1e-6})
     """For a polish of a minimum of the search with additional rows."""
-    exact: Options = MappingProxyType({"ipopt.tol": 1e-8})
+    exact: IpoptOptions = MappingProxyType({"ipopt.tol": 1e-8})
     """For a polish, whose result is final."""
 
 
@@ -164,19 +164,19 @@ class AssembledProgram:
         in designs; a round that loses the design is discarded and repeated with a smaller limit, and so is a bold
         first one that finds none. Pairs that are not in the last round are checked with all others afterwards.
         """
-        limit = LIMITS.bold if self._topology.n <= LIMITS.bold_up_to else LIMITS.first
+        limit = MOVE_LIMITS.bold if self._topology.n <= MOVE_LIMITS.bold_up_to else MOVE_LIMITS.first
         point, merit, iterations, patience = start, self._merit(start), 0, 1
         status = "no round ended"
-        for _ in range(LIMITS.rounds):
+        for _ in range(MOVE_LIMITS.rounds):
             options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm} if merit.met else ROUND_OPTIONS.near_start
             result = self._round(point, limit, options)
             status, iterations = result.status, iterations + result.iterations
             if not result.finite:  # keep the previous result
                 break
             reached = self._merit(result.point)
-            if not reached.met and (merit.met or limit > LIMITS.first):
-                limit = limit / LIMITS.growth**2 if merit.met else LIMITS.first
-                if limit < LIMITS.minimum:
+            if not reached.met and (merit.met or limit > MOVE_LIMITS.first):
+                limit = limit / MOVE_LIMITS.growth**2 if merit.met else MOVE_LIMITS.first
+                if limit < MOVE_LIMITS.minimum:
                     break
                 continue
             turned = np.max(np.abs(result.point.alpha - point.alpha), initial=0.0)
@@ -185,27 +185,27 @@ class AssembledProgram:
             if became_feasible or gain > 0.0:
                 point, merit = result.point, reached
             if merit.met:
-                if turned < 0.98 * limit or (not became_feasible and gain < LIMITS.min_gain):
+                if turned < 0.98 * limit or (not became_feasible and gain < MOVE_LIMITS.min_gain):
                     break  # a minimum inside the limit, or almost no gain
-                limit *= LIMITS.growth
-            elif not gain >= LIMITS.min_decrease:  # also if a user constraint is NaN
+                limit *= MOVE_LIMITS.growth
+            elif not gain >= MOVE_LIMITS.min_decrease:  # also if a user constraint is NaN
                 if not patience:
                     break
-                patience, limit = patience - 1, limit / LIMITS.growth
+                patience, limit = patience - 1, limit / MOVE_LIMITS.growth
         return IpoptResult(point, status, iterations)
 
     def polish(self, start: Point) -> IpoptResult:
         """Solve from a point close to a minimum of the search."""
         if not (self._constraints or self._lazy):
             options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
-            return self._round(start, LIMITS.polish, options)
+            return self._round(start, MOVE_LIMITS.polish, options)
         if not self._constraints and all(kind.one_round for kind in self._lazy):
             options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
-            return self._round(start, LIMITS.bold, options)
+            return self._round(start, MOVE_LIMITS.bold, options)
         # the search did not see these rows, so the solution may be far from the point
         return self.solve(start)
 
-    def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
+    def _round(self, start: Point, limit: float, options: IpoptOptions) -> IpoptResult:
         requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
         program = AssembledProblem(self._task, self._topology, requirements, BETA)
         for kind, selection in self._lazy.items():
@@ -244,7 +244,7 @@ class _Merit:
     """Effort of a design, else the worst violation."""
 
 
-def _ipopt(assembled: AssembledProblem, options: Options) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
+def _ipopt(assembled: AssembledProblem, options: IpoptOptions) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
     """Return Ipopt and the functions of an assembled problem that it calls, with CasADi's names."""
     x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
     inputs = {"x": x, "p": ca.Sparsity.dense(0)}

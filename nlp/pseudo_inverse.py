@@ -40,7 +40,7 @@ from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import AT, POINT_SUFFIXES, box_corners, centres, weight_cases
-from topo_search.protocols import OwnConstraint, SymbolicPlatform
+from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 
 ROUNDING = 1e-16
 """Added to the square of an input's change, as a share of its maximum, so that its root is smooth at zero."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
-from topo_search.protocols import OwnConstraint
+from topo_search.own_constraint import OwnConstraint
 
 if TYPE_CHECKING:
     from nlp.assembled.problem import AssembledProblem, RowBlock

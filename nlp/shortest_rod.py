@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.corners import solve_with_corners, with_some_corners
 from nlp.evaluation import correct_point
+from nlp.lazy_solve import solve_lazily, with_some_corners
 from nlp.numbers.point import Connector, Point, rod_path, weigh_rod, with_rod
 from nlp.requirements.rod import rod_of
 from nlp.rows import UserConstraints
@@ -84,7 +84,7 @@ def _count_at(connector: Connector | None, design: StartResult, constraints: Use
         if consistent and not lost:
             return weighed
         origin = with_some_corners(weighed.point, design.corners)
-        design = solve_with_corners(weighed.point.task, design.start, origin, constraints)
+        design = solve_lazily(weighed.point.task, design.start, origin, constraints)
     return _weigh(design, constraints, connector)
 
 
@@ -128,7 +128,7 @@ def _solve_within(design: StartResult, reach: float, constraints: UserConstraint
         narrower = narrower.with_rod(rod.model_copy(update={"mass": mass}))
     narrow = to_corners(narrower)
     origin = with_some_corners(replace(design.point, task=narrow), design.corners)
-    solved = solve_with_corners(narrow, design.start, origin, constraints)
+    solved = solve_lazily(narrow, design.start, origin, constraints)
     judged = StartResult.from_point(
         design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
     )

@@ -250,7 +250,7 @@ MODULES = (
     "topo_search.report.charts",
     "topo_search.report.progress",
     "topo_search.study.answering",
-    "topo_search.topologies.candidates",
+    "topo_search.topologies.family",
 )
 
 

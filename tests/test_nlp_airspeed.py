@@ -9,9 +9,9 @@ from nlp_cases import HOVER, as_design, push, random_point, random_tree
 from suites import few
 
 from nlp import prove_impossible, solve
+from nlp.air.fastest import TARGET_SHARE, SpeedPoint, fastest
 from nlp.air.jets import jet_of, total_speed
-from nlp.air.limits import TARGET_SHARE, SpeedPoint, fastest
-from nlp.air.rows import SpeedRows
+from nlp.air.program_rows import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.reduced.arrays import to_arrays

@@ -24,7 +24,7 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.problem import problem
 from nlp.requirements import clearances
-from nlp.solve import solve
+from nlp.solving import solve
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
 from topo_search.model.corners import to_corners

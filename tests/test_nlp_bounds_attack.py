@@ -22,7 +22,7 @@ ALLOWANCE = 3e-6
 @pytest.fixture
 def no_proofs(monkeypatch):
     """Nothing is refused unsolved, and no effort is held against the bound."""
-    solver = import_module("nlp.solve")
+    solver = import_module("nlp.solving")
     monkeypatch.setattr(solver, "prove_impossible", lambda *given: None)
     monkeypatch.setattr(solver, "bound_of", lambda *given: 0.0)
 

@@ -12,9 +12,9 @@ from scipy.optimize import linprog
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
-from nlp.corners import solve_with_corners, with_all_corners, without_corners
 from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
+from nlp.lazy_solve import solve_lazily, with_all_corners, without_corners
 from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.requirements.balances import (
@@ -198,7 +198,7 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            best.append(solve_with_corners(task, s, origin, rounds=True))
+            best.append(solve_lazily(task, s, origin, far=True))
         found.append(min(best, key=lambda outcome: outcome.rank))
     assert found[0].worst.met
     assert found[1].worst.met

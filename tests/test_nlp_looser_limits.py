@@ -11,7 +11,7 @@ from nlp_cases import BESIDE_A_DECK
 
 from nlp import default_starts, solve
 from topo_search.model import Design, Task, Topology
-from topo_search.topologies.candidates import candidates
+from topo_search.topologies.family import candidates
 
 WORSE = 5e-4
 """Relative difference of efforts that counts."""

@@ -45,7 +45,7 @@ def test_the_solver_is_compiled_before_its_first_job(monkeypatch):
 @pytest.mark.compiles
 @pytest.mark.parametrize(
     ("module", "prepare"),
-    [("topo_search.model.compiled_code", nlp.prepare_proof), ("verify.proof.check", check.prepare_check)],
+    [("topo_search.compiled_code", nlp.prepare_proof), ("verify.proof.check", check.prepare_check)],
 )
 def test_proofs_and_their_check_tell_that_they_are_compiled(module, prepare, monkeypatch):
     found: list[str] = []

@@ -9,7 +9,7 @@ from nlp_cases import FEATURES, push, random_tree
 from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
 from nlp.requirements import clearances
-from nlp.solve import solve
+from nlp.solving import solve
 from topo_search.model import Design, Topology
 from topo_search.model.task_file import read_task
 from topo_search.model.topology import straight_chain

@@ -13,7 +13,7 @@ from topo_search.engine.proposals.trials import decode, encode, ranges
 from topo_search.model import Topology
 from topo_search.model.task_file import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
-from topo_search.topologies.candidates import with_spins_reversed
+from topo_search.topologies.family import with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:

@@ -14,7 +14,7 @@ from verify import audit
 from verify.air.bound import _rotors, bound_beyond, bound_speed
 from verify.air.jets import Jets, jets, speeds, wakes
 from verify.bodies import AllowedCone, ConeSphere
-from verify.certificate import Solid
+from verify.certificate import RoundBody
 from verify.hulls import hull
 
 DESIGNS = Path(__file__).parent / "designs"
@@ -41,24 +41,24 @@ def some(rng: np.random.Generator, n: int) -> Jets:
     return blow(rng.normal(0, 3, (n, 3)), Rotation.random(n, random_state=rng).as_matrix(), u, module)
 
 
-def region(rng: np.random.Generator) -> Solid | AllowedCone:
+def region(rng: np.random.Generator) -> RoundBody | AllowedCone:
     size, middle = 10 ** rng.uniform(-1, 1), rng.normal(0, 6, 3)
     kind = rng.integers(4)
     if kind == 0:
-        return Solid(ConeSphere(middle, rng.normal(0, 2, 3) * rng.integers(2), size, 0.0))
+        return RoundBody(ConeSphere(middle, rng.normal(0, 2, 3) * rng.integers(2), size, 0.0))
     if kind == 1:
         return hull(rng.normal(0, size, (12, 3))).move(middle)
     axis = rng.normal(0, 1, 3)
     return AllowedCone(middle, axis / np.linalg.norm(axis), 90.0 if kind == 2 else rng.uniform(20, 89))
 
 
-def contains(region: Solid | AllowedCone, x: np.ndarray) -> np.ndarray:
+def contains(region: RoundBody | AllowedCone, x: np.ndarray) -> np.ndarray:
     """Return which points are in a region, by formulas of their own."""
     if isinstance(region, AllowedCone):
         away = x - region.apex
         angle = np.arccos(np.clip(away @ region.axis / np.linalg.norm(away, axis=1), -1, 1))
         return angle > math.radians(region.half_angle_deg)
-    if isinstance(region, Solid):
+    if isinstance(region, RoundBody):
         o, d = region.body.o, region.body.d
         t = np.clip((x - o) @ d / max(d @ d, 1e-300), 0, 1)
         return np.linalg.norm(x - o - t[:, None] * d, axis=1) < region.body.r
@@ -167,7 +167,7 @@ def test_turned_moved_and_scaled_copies_agree() -> None:
 def test_without_thrust_the_air_is_still() -> None:
     air = one(0.0)
     for where in (
-        Solid(ConeSphere(np.zeros(3), np.zeros(3), 5.0, 0.0)),
+        RoundBody(ConeSphere(np.zeros(3), np.zeros(3), 5.0, 0.0)),
         AllowedCone(np.zeros(3), np.eye(3)[2], 60.0),
     ):
         assert bound_speed(air, where).at_most < 1e-5

@@ -15,7 +15,7 @@ from topo_search.model import Status, Topology
 from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere
-from verify.certificate import Solid
+from verify.certificate import RoundBody
 from verify.compounds import Compound
 from verify.convex import box
 from verify.parts import bounding_box
@@ -35,7 +35,7 @@ def test_beside_slivers_nothing_is_proven(hub):
     own = list(module(1.0, rng))
     own[0 if hub else 2] = box("needle", np.zeros(3), np.diag([1.0, 1e-10, 1e-10]))
     for away in (0.3, 30.0):
-        envelope = Solid(ConeSphere(np.array([0.0, 0.0, away]), np.array([0.0, 0.0, 10.0]), 0.5, 0.5))
+        envelope = RoundBody(ConeSphere(np.array([0.0, 0.0, away]), np.array([0.0, 0.0, 10.0]), 0.5, 0.5))
         modules, envelopes = two_modules(tuple(own), envelope, np.eye(3), np.zeros(3))
         certificates = certify_beside(list(beside_airflow(modules, envelopes, counts=True)))
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
@@ -44,7 +44,7 @@ def test_beside_slivers_nothing_is_proven(hub):
 def test_a_search_that_ends_early_proves_no_more_than_its_planes(monkeypatch):
     """From the first ball of airflow alone, parts beside the last one seem farther away than they are."""
     rng, claims = np.random.default_rng(5), 0
-    envelope = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5))
+    envelope = RoundBody(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5))
     for _ in range(10):
         centre = np.array([rng.uniform(3.0, 6.0), rng.uniform(-1.0, 1.0), rng.uniform(-9.0, -1.0)])
         checks = list(beside_airflow(*two_modules(module(1.0, rng), envelope, np.eye(3), centre), counts=True))[:5]
@@ -61,7 +61,7 @@ def test_a_search_that_ends_early_proves_no_more_than_its_planes(monkeypatch):
 def test_beyond_the_range_of_proofs_nothing_is_proven():
     rng = np.random.default_rng(4)
     for centre in ([1e7, 0.0, 0.0], [1e200, 0.0, 0.0], [np.inf, 0.0, 0.0], [np.nan, 0.0, 0.0]):
-        far = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).place(
+        far = RoundBody(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).place(
             np.eye(3), np.array(centre)
         )
         modules, envelopes = two_modules(module(1.0, rng), far, np.eye(3), np.zeros(3))

@@ -12,7 +12,7 @@ import verify.certificate
 import verify.cones
 from topo_search.model import Status
 from verify.bodies import AllowedCone, ConeSphere, NearestOnAxes, ball, clearances, cone_clearance
-from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
+from verify.certificate import FLOOR, Certificate, RoundBody, certify_pairs
 from verify.cones import certify_inside
 from verify.meshes import LARGEST_COORDINATE, FclPolytope
 
@@ -35,14 +35,14 @@ def check_family(family: str, seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     pairs = [random_pair(family, rng) for _ in range(count)]
     slow = brute_clearance(pairs)
-    certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
+    certificates = certify_pairs([(RoundBody(A), RoundBody(B)) for A, B in pairs])
     for certificate, d in zip(certificates, slow, strict=True):
         if abs(d) > FLOOR:
             hold(certificate, d)
     near = [at_clearance(*pair, sign * size) for pair in pairs for size in GAPS for sign in (1, -1)]
     for (A, B), d in zip(near, brute_clearance(near), strict=True):
         if abs(d) > FLOOR:
-            hold(certify_pairs([(Solid(A), Solid(B))])[0], d)
+            hold(certify_pairs([(RoundBody(A), RoundBody(B))])[0], d)
 
 
 @pytest.mark.parametrize("family", few(FAMILIES, AWKWARD))
@@ -55,7 +55,7 @@ def test_no_verdict_is_wrong_and_none_is_missing(family):
 )
 def test_bodies_of_any_size_are_judged_right(family, scale):
     pairs = nearly_touching(family, scale, np.random.default_rng(28))
-    certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
+    certificates = certify_pairs([(RoundBody(A), RoundBody(B)) for A, B in pairs])
     for certificate, d in zip(certificates, brute_clearance(pairs), strict=True):
         if abs(d) > FLOOR:
             hold(certificate, d)
@@ -70,9 +70,9 @@ def test_copies_of_a_body_are_judged_like_the_body(family):
     for A, B in nearly_touching(family, 1.0, rng):
         R, S = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
         R, S, p = R * np.linalg.det(R), S * np.linalg.det(S), rng.normal(size=3)
-        copies = [Solid(ConeSphere((X.o - p) @ R, X.d @ R, X.r, X.dr)).place(R, p) for X in (A, B)]
+        copies = [RoundBody(ConeSphere((X.o - p) @ R, X.d @ R, X.r, X.dr)).place(R, p) for X in (A, B)]
         once_more = [copy.place(S, -p) for copy in copies]
-        (certificate,) = certify_pairs([(Solid(A), Solid(B))])
+        (certificate,) = certify_pairs([(RoundBody(A), RoundBody(B))])
         for found in certify_pairs([tuple(copies), tuple(once_more)]):
             assert found.analytic == pytest.approx(certificate.analytic, abs=1e-9)
             if abs(certificate.analytic) > 2 * FLOOR:
@@ -92,7 +92,7 @@ def test_under_the_floor_a_verdict_is_right_or_missing(family):
     for gap in (0.0, 1e-9, -1e-9, 1e-11, -1e-11):
         A, B = at_clearance(*random_pair(family, rng), gap)
         d = clearances([(A, B)]).d[0]
-        (certificate,) = certify_pairs([(Solid(A), Solid(B))])
+        (certificate,) = certify_pairs([(RoundBody(A), RoundBody(B))])
         right = Status.CLEAR if d > 0 else Status.VIOLATED
         assert certificate.status in ({right, Status.UNDECIDED} if abs(d) <= FLOOR else {right})
         if abs(d) < 1e-10:
@@ -101,17 +101,19 @@ def test_under_the_floor_a_verdict_is_right_or_missing(family):
 
 def test_far_pairs_need_one_mesh_and_touching_ones_a_turned_one():
     a = ball(np.zeros(3), 1.0)
-    far, near = certify_pairs([(Solid(a), Solid(ball(np.array([x, 0.0, 0.0]), 1.0))) for x in (5.0, 2.0 + 1e-6)])
+    far, near = certify_pairs(
+        [(RoundBody(a), RoundBody(ball(np.array([x, 0.0, 0.0]), 1.0))) for x in (5.0, 2.0 + 1e-6)]
+    )
     assert (far.level, near.level) == (0, 1)
     assert near.lower == pytest.approx(1e-6, abs=1e-9)
     assert near.upper == pytest.approx(1e-6, abs=1e-9)
 
 
 def test_a_body_beyond_the_range_of_the_proof_is_undecided():
-    a = Solid(ball(np.zeros(3), 1.0))
+    a = RoundBody(ball(np.zeros(3), 1.0))
     for far in (LARGEST_COORDINATE, 1e150, 1e300):
         with np.errstate(over="ignore", invalid="ignore"):
-            (certificate,) = certify_pairs([(a, Solid(ball(np.array([far, 0.0, 0.0]), 1.0)))])
+            (certificate,) = certify_pairs([(a, RoundBody(ball(np.array([far, 0.0, 0.0]), 1.0)))])
         assert certificate.status == Status.UNDECIDED
 
 
@@ -131,7 +133,7 @@ def test_a_wrong_closed_form_is_never_believed(lie, monkeypatch):
     slow = brute_clearance(pairs)
     monkeypatch.setattr(verify.certificate, "clearances", lambda given: LIES[lie](clearances(given)))
     with np.errstate(invalid="ignore"):
-        found = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
+        found = certify_pairs([(RoundBody(A), RoundBody(B)) for A, B in pairs])
     for certificate, d in zip(found, slow, strict=True):
         if certificate.status == Status.CLEAR:
             assert d > 0
@@ -148,7 +150,7 @@ def test_a_wrong_fcl_is_never_believed(answer, monkeypatch):
     pairs = [random_pair("generic", rng) for _ in range(40)]
     monkeypatch.setattr(FclPolytope, "overlaps", lambda self, other: answer)
     for certificate, d in zip(
-        certify_pairs([(Solid(A), Solid(B)) for A, B in pairs]), brute_clearance(pairs), strict=True
+        certify_pairs([(RoundBody(A), RoundBody(B)) for A, B in pairs]), brute_clearance(pairs), strict=True
     ):
         fcl_is_right = (d < 0) == answer
         expected = Status.INCONSISTENT
@@ -158,7 +160,7 @@ def test_a_wrong_fcl_is_never_believed(answer, monkeypatch):
 
 
 def test_a_mesh_that_fails_its_check_proves_nothing(monkeypatch):
-    a, b = (Solid(ball(np.array([x, 0.0, 0.0]), 1.0)) for x in (0.0, 5.0))
+    a, b = (RoundBody(ball(np.array([x, 0.0, 0.0]), 1.0)) for x in (0.0, 5.0))
     monkeypatch.setattr(verify.certificate, "encloses", lambda mesh, body: False)
     assert certify_pairs([(a, b)])[0].status == Status.INCONSISTENT
 
@@ -183,19 +185,19 @@ def test_bodies_in_cones_are_judged_right_down_to_the_floor():
             sin, _ = case.cone.sin_cos
             body = case.body.move((gap - d) / sin * case.cone.axis)  # s grows by sin(theta) a step along the axis
             d, _ = cone_clearance(body, case.cone)
-            hold(certify_inside(Solid(body), case.cone), d)
+            hold(certify_inside(RoundBody(body), case.cone), d)
 
 
 def test_a_ball_on_the_axis_touches_the_cone_all_the_way_round():
     cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 30.0)
     for gap, status in ((1.5e-7, Status.CLEAR), (-1.5e-7, Status.VIOLATED), (0.0, Status.UNDECIDED)):
         body = ball(np.array([0.0, 0.0, 2 * (2.1 + gap)]), 2.1)
-        assert certify_inside(Solid(body), cone).status == status
+        assert certify_inside(RoundBody(body), cone).status == status
 
 
 def test_behind_the_apex_is_outside():
     cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 60.0)
-    certificate = certify_inside(Solid(ball(np.array([0.0, 0.0, -5.0]), 0.1)), cone)
+    certificate = certify_inside(RoundBody(ball(np.array([0.0, 0.0, -5.0]), 0.1)), cone)
     assert certificate.status == Status.VIOLATED
     assert certificate.upper == pytest.approx(certificate.analytic)
 
@@ -208,7 +210,7 @@ def test_a_wrong_cone_value_is_never_believed(monkeypatch):
             d, worst = cone_clearance(case.body, case.cone)
             lie = d + shift, worst
             monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_, lie=lie: lie)
-            assert certify_inside(Solid(case.body), case.cone).status == Status.INCONSISTENT
+            assert certify_inside(RoundBody(case.body), case.cone).status == Status.INCONSISTENT
 
 
 # ---- evidence
@@ -218,7 +220,7 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
     A, B = ConeSphere(np.zeros(3), np.array([0.0, 0.0, -5.0]), 1.0, 0.5), ball(np.array([4.0, 0.0, -1.0]), 0.3)
 
     def certificate():
-        return certify_pairs([(Solid(A), Solid(B))])[0]
+        return certify_pairs([(RoundBody(A), RoundBody(B))])[0]
 
     assert certificate().evidence == ()
     monkeypatch.setattr(FclPolytope, "overlaps", lambda self, other: True)
@@ -233,7 +235,7 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
 @pytest.mark.parametrize("half_angle", [60.0, 90.0])
 def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
     cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
-    inside, outside = (Solid(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
+    inside, outside = (RoundBody(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
     assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
     with monkeypatch.context() as patch:
         patch.setattr(FclPolytope, "overlaps", lambda self, other: True)

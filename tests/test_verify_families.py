@@ -10,7 +10,7 @@ from nlp.numbers.geometry import Swept, hull_clearance
 from topo_search.model import Status
 from topo_search.model.shape import convex_hull
 from verify.bodies import ConeSphere
-from verify.certificate import FLOOR, Solid, certify_pairs
+from verify.certificate import FLOOR, RoundBody, certify_pairs
 from verify.hulls import approach, hull
 
 WALL = np.array([(x, y, z) for x in (-5.0, 5.0) for y in (-5.0, 5.0) for z in (-0.05, 0.05)])
@@ -47,7 +47,7 @@ def test_a_ball_that_has_left_a_wall_may_be_deeper_in_it(degrees: float) -> None
     u = np.array([np.cos(angle), 0.0, np.sin(angle)])
     body = ConeSphere(-4.0 * u, 12.0 * u, 1.0, 12.0 * np.tan(np.radians(5.0)))
     d = brute_approach(body, WALL)
-    (found,) = certify_pairs([(Solid(body), hull(WALL))])
+    (found,) = certify_pairs([(RoundBody(body), hull(WALL))])
     assert found.status == Status.VIOLATED
     assert found.analytic == pytest.approx(d, abs=1e-9)
     assert approach(body, hull(WALL)).eta > 4.0 / 12.0 + 0.05 / (12.0 * np.sin(angle))

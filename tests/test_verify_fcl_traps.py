@@ -13,7 +13,7 @@ import verify.meshes
 from topo_search.model import Status
 from verify import audit
 from verify.bodies import ConeSphere, ball
-from verify.certificate import Solid, certify_pairs
+from verify.certificate import RoundBody, certify_pairs
 from verify.meshes import ConvexMesh, FclPolytope, inner_mesh, outer_mesh
 
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -24,7 +24,7 @@ def envelope(x: float, y: float, axis=DOWN) -> ConeSphere:
 
 
 def judged(A: ConeSphere, B: ConeSphere) -> Status:
-    return certify_pairs([(Solid(A), Solid(B))])[0].status
+    return certify_pairs([(RoundBody(A), RoundBody(B))])[0].status
 
 
 def test_only_the_query_that_is_right_is_used():
@@ -56,7 +56,7 @@ def test_distance_of_convex_bodies_is_not_reported():
         for x, y in ((gap, 0.0), (0.0, gap), (gap, gap)):
             A, B = envelope(0.0, 0.0), envelope(x, y)
             exact = float(np.hypot(x, y) - 2 * 2.06)
-            (certificate,) = certify_pairs([(Solid(A), Solid(B))])
+            (certificate,) = certify_pairs([(RoundBody(A), RoundBody(B))])
             assert certificate.status == Status.CLEAR
             assert certificate.lower <= exact + 1e-9
             assert certificate.upper == pytest.approx(exact, abs=1e-9)

@@ -10,7 +10,7 @@ from verify_cases import design, fan
 from topo_search.model import Audit, Status, Topology
 from verify import audit
 from verify.bodies import ConeSphere, ball
-from verify.certificate import Solid, certify_pairs
+from verify.certificate import RoundBody, certify_pairs
 from verify.hulls import approach, hull
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -38,7 +38,7 @@ def test_a_wrong_closed_form_is_found_out(monkeypatch: pytest.MonkeyPatch, wrong
     true = approach
     monkeypatch.setattr(under_test, "approach", lambda K, Q: true(K, Q)._replace(d=true(K, Q).d + wrong))
     body = ball(np.array([1.0 + 0.5 - wrong / 2, 0.0, 0.0]), 0.5)
-    (certificate,) = certify_pairs([(Solid(body), BOX)])
+    (certificate,) = certify_pairs([(RoundBody(body), BOX)])
     assert certificate.status == Status.INCONSISTENT
     assert f"clearance {certificate.analytic!r}" in certificate.evidence[0]
 
@@ -46,7 +46,7 @@ def test_a_wrong_closed_form_is_found_out(monkeypatch: pytest.MonkeyPatch, wrong
 def test_one_inside_the_other_is_violated() -> None:
     small, large = ball(np.zeros(3), 0.05), ball(np.zeros(3), 20.0)
     for body in (small, large, ConeSphere(np.zeros(3), np.array([0.1, 0.0, 0.0]), 0.2, 0.1)):
-        assert certify_pairs([(Solid(body), BOX)])[0].status == Status.VIOLATED
+        assert certify_pairs([(RoundBody(body), BOX)])[0].status == Status.VIOLATED
 
 
 def test_corners_that_nearly_coincide_still_make_a_region() -> None:

@@ -18,7 +18,7 @@ from verify_families import Judged, golden, rotation
 
 from verify.beside_airflow import ROTORS, BesideAirflow, certify_beside
 from verify.bodies import ConeSphere
-from verify.certificate import Solid, certify_pairs
+from verify.certificate import RoundBody, certify_pairs
 from verify.compounds import Compound
 from verify.convex import Convex, box, cylinder
 from verify.parts import bounding_box
@@ -98,7 +98,7 @@ def rotor_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Ju
     placed = Compound(own, bounding_box(own), FRAME).place(R, centre)
     asked = [
         BesideAirflow("rotor-airflow", 0, 1, placed, against, segment)
-        for against in (Solid(body).place(R, centre) for body in bodies)
+        for against in (RoundBody(body).place(R, centre) for body in bodies)
         for segment in (*range(ROTORS), None)
     ]
     certificates = iter(certify_beside(asked))
@@ -114,7 +114,7 @@ def rod_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Judg
     start = airflow.centre(rng.uniform()) + scale * rng.normal(size=3) * rng.uniform(0, 4)
     rod = ConeSphere(start, length * unit(rng), radius, 0.0)
     pairs = [(rod, airflow), *(at_clearance(rod, airflow, sign * gap) for gap in GAPS for sign in (1, -1))]
-    certificates = certify_pairs([(Solid(one), Solid(other)) for one, other in pairs])
+    certificates = certify_pairs([(RoundBody(one), RoundBody(other)) for one, other in pairs])
     values: Sequence[float] = brute_clearance(pairs).tolist()
     for certificate, d in zip(certificates, values, strict=True):
         yield Judged(certificate, d)

@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 from verify_cases import GAPS, unit
 
 from verify.bodies import ConeSphere
-from verify.certificate import Certificate, Solid, certify_pairs
+from verify.certificate import Certificate, RoundBody, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.convex import cylinder
 from verify.hulls import HullBody, approach, hull
@@ -140,7 +140,9 @@ def _judged_hulls(
         near = [moved_to(body, region, sign * gap) for gap in GAPS for sign in (1, -1)]
         for each in [body, *near]:
             if each is not None:
-                yield Judged(certify_pairs([(Solid(each), region)])[0], brute_approach(each, region.mesh.vertices))
+                yield Judged(
+                    certify_pairs([(RoundBody(each), region)])[0], brute_approach(each, region.mesh.vertices)
+                )
 
     return judge
 

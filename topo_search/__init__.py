@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     from topo_search.model.mesh_file import ConvexPiece
     from topo_search.model.reserves import AskedFlight
     from topo_search.model.task_file import read_task
-    from topo_search.protocols import OwnConstraint, SymbolicPlatform
+    from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
     from topo_search.report.charts import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines
     from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer

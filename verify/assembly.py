@@ -217,7 +217,7 @@ def _airflow_sources(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
         return []
     rod_index, module = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
     airflow = ConeSpheres.of([envelope.body for envelope in scene.envelopes]).take(module)
-    bodies = ConeSpheres.of([rod.solid.body for rod in rods]).take(rod_index)
+    bodies = ConeSpheres.of([rod.round_body.body for rod in rods]).take(rod_index)
     d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), -1)
     return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
 

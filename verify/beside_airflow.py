@@ -31,7 +31,15 @@ import numpy as np
 
 from topo_search.model import Mount, Status
 from verify.bodies import Array, ConeSpheres, nearest_on_axis, norms
-from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceCheck, Solid, facing_mesh, judge
+from verify.certificate import (
+    BOUND_ROUNDING,
+    TURNED_LEVELS,
+    Certificate,
+    ClearanceCheck,
+    RoundBody,
+    facing_mesh,
+    judge,
+)
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
@@ -41,7 +49,7 @@ from verify.requirements import Scene
 ROTORS = 4
 
 
-BesideAirflow = ClearanceCheck[Compound, Solid]
+BesideAirflow = ClearanceCheck[Compound, RoundBody]
 """Check of one module's rotor `segment`, or hub and arms if None, against the airflow of another module."""
 
 
@@ -72,7 +80,7 @@ class _Clearances(NamedTuple):
 
 
 def beside_airflow(
-    modules: Sequence[Compound], envelopes: Sequence[Solid], *, counts: bool
+    modules: Sequence[Compound], envelopes: Sequence[RoundBody], *, counts: bool
 ) -> Iterator[BesideAirflow]:
     """Yield every rotor, then hub and arms, of every module against the airflow of every other module."""
     return (
@@ -169,7 +177,7 @@ def clearance(check: BesideAirflow) -> float:
     return float(by_side[ROTORS if check.segment is None else check.segment].d[0])
 
 
-def normals(check: BesideAirflow, pieces: Sequence[Solid]) -> list[Array]:
+def normals(check: BesideAirflow, pieces: Sequence[RoundBody]) -> list[Array]:
     """Return the unit vectors from each part of a check to N pieces of airflow, at their nearest points, (N, 3)."""
     assert check.body.source is not None
     N, (module, R, p) = len(pieces), check.body.source

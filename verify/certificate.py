@@ -62,16 +62,16 @@ class Certificate:
     """Results of closed form, meshes and FCL with all digits if they disagree, for debugging."""
 
 
-Mesh = tuple[ConvexMesh, FclPolytope]
-Proof = Callable[[int], tuple[float, bool] | None]
+MeshPair = tuple[ConvexMesh, FclPolytope]
+LevelProof = Callable[[int], tuple[float, bool] | None]
 """Maps a mesh level to a lower bound and whether FCL agrees with its sign; None if a mesh fails its check."""
 
-Body = TypeVar("Body")
+Side = TypeVar("Side")
 Other = TypeVar("Other")
 
 
 @dataclass(frozen=True, eq=False)
-class ClearanceCheck(Generic[Body, Other]):
+class ClearanceCheck(Generic[Side, Other]):
     """A body that must keep clear of another, or stay inside it."""
 
     kind: Kind
@@ -79,7 +79,7 @@ class ClearanceCheck(Generic[Body, Other]):
     """Module number; for brackets, the child module of the joint."""
     b: int
     """Number of the other module or of the exposure requirement; -1 for the end-effector or its rod."""
-    body: Body
+    body: Side
     against: Other
     segment: int | None = None
     counts: bool = True
@@ -95,33 +95,33 @@ class ClearanceCheck(Generic[Body, Other]):
         return self.kind, self.a, self.b, self.segment
 
 
-class Solid:
+class RoundBody:
     """A cone-sphere with its common inner and outer mesh, built on demand, once for all copies."""
 
     def __init__(self, body: ConeSphere) -> None:
         self.body = body
-        self._source: tuple[Solid, Array, Array] | None = None
-        self._meshes: dict[bool, Mesh] = {}
+        self._source: tuple[RoundBody, Array, Array] | None = None
+        self._meshes: dict[bool, MeshPair] = {}
 
-    def place(self, R: Array, p: Array) -> Solid:
+    def place(self, R: Array, p: Array) -> RoundBody:
         """Return a copy rotated by R, shape (3, 3), then translated by p, shape (3,)."""
-        copy = Solid(replace(self.body, o=R @ self.body.o + p, d=R @ self.body.d))
+        copy = RoundBody(replace(self.body, o=R @ self.body.o + p, d=R @ self.body.d))
         copy._source = self, R, p
         return copy
 
     @functools.cached_property
-    def outer(self) -> Mesh | None:
+    def outer(self) -> MeshPair | None:
         """The common outer mesh; None if it fails its own check."""
         common = self._common_mesh(inside=False)
         return common if encloses(common[0], self.body) else None
 
     @functools.cached_property
-    def inner(self) -> Mesh | None:
+    def inner(self) -> MeshPair | None:
         """The common inner mesh; None if it fails its own check."""
         common = self._common_mesh(inside=True)
         return common if lies_within(common[0], self.body) else None
 
-    def _common_mesh(self, *, inside: bool) -> Mesh:
+    def _common_mesh(self, *, inside: bool) -> MeshPair:
         if inside not in self._meshes:
             if self._source is None:
                 mesh = (inner_mesh if inside else outer_mesh)(self.body, COMMON_LEVEL)
@@ -132,7 +132,7 @@ class Solid:
                 self._meshes[inside] = ConvexMesh(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
         return self._meshes[inside]
 
-    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> Mesh | None:
+    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> MeshPair | None:
         """Return the common mesh at level 0, else one turned towards n around x; None if it fails its own check."""
         if level == 0:
             return self.inner if inside else self.outer
@@ -167,7 +167,7 @@ class Witness(NamedTuple):
     """Nearest points, or one common point twice, shape (2, 3)."""
 
 
-def certify_pairs(pairs: Sequence[tuple[Solid, Solid | HullBody]]) -> list[Certificate]:
+def certify_pairs(pairs: Sequence[tuple[RoundBody, RoundBody | HullBody]]) -> list[Certificate]:
     """Certify that cone-spheres keep clear of other cone-spheres or convex regions."""
     certificates = []
     for (A, B), witness in zip(pairs, witnesses(pairs), strict=True):
@@ -181,7 +181,9 @@ def certify_pairs(pairs: Sequence[tuple[Solid, Solid | HullBody]]) -> list[Certi
     return certificates
 
 
-def _prove(A: Solid, B: Solid | HullBody, witness: Witness, first: int, level: int) -> tuple[float, bool] | None:
+def _prove(
+    A: RoundBody, B: RoundBody | HullBody, witness: Witness, first: int, level: int
+) -> tuple[float, bool] | None:
     """Bound d along n, by outer meshes if clear, else by supports; return it and whether FCL confirms its sign."""
     x, normal = witness.x, witness.n
     clear = witness.d > 0
@@ -199,13 +201,13 @@ def _prove(A: Solid, B: Solid | HullBody, witness: Witness, first: int, level: i
     return -float(A.body.move(-x).support(normal) + support_B), overlap
 
 
-def witnesses(pairs: Sequence[tuple[Solid, Solid | HullBody]]) -> Iterator[Witness]:
+def witnesses(pairs: Sequence[tuple[RoundBody, RoundBody | HullBody]]) -> Iterator[Witness]:
     """Yield the witness of every pair; cone-spheres are computed in one batch."""
-    solid_witnesses = _solid_witnesses([(A, B) for A, B in pairs if isinstance(B, Solid)])
-    return (_region_witness(A.body, B) if isinstance(B, HullBody) else next(solid_witnesses) for A, B in pairs)
+    round_witnesses = _round_witnesses([(A, B) for A, B in pairs if isinstance(B, RoundBody)])
+    return (_region_witness(A.body, B) if isinstance(B, HullBody) else next(round_witnesses) for A, B in pairs)
 
 
-def _solid_witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
+def _round_witnesses(pairs: Sequence[tuple[RoundBody, RoundBody]]) -> Iterator[Witness]:
     d, eta, gamma = clearances([(A.body, B.body) for A, B in pairs])
     A, B = (ConeSpheres.of([pair[side].body for pair in pairs]) for side in (0, 1))
     P_A, r_A, P_B, r_B = A.centre(eta), A.radius(eta), B.centre(gamma), B.radius(gamma)
@@ -244,7 +246,7 @@ def _region_witness(body: ConeSphere, region: HullBody) -> Witness:
     return Witness(closest.d, n, x, -depth if depth > BOUND_ROUNDING else None, np.stack([x, x]))
 
 
-def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: int) -> Certificate:
+def judge(d: float, upper: float | None, closest: Array, proof: LevelProof, levels: int) -> Certificate:
     """Refine until a proof of the closed form's verdict succeeds, then check its value against the bounds.
 
     Args:

@@ -43,7 +43,7 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import AllowedCone, Array, ConeSphere, basis_across, cone_clearance
-from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, facing_mesh, judge
+from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, RoundBody, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
 from verify.meshes import LARGEST_COORDINATE, MESH_ROUNDING, FclPolytope, box_below
@@ -67,11 +67,11 @@ class ConeMeshes(NamedTuple):
 MESHES = ConeMeshes()
 
 
-def certify_inside(solid: Solid, cone: AllowedCone) -> Certificate:
+def certify_inside(side: RoundBody, cone: AllowedCone) -> Certificate:
     """Certify that a cone-sphere lies inside an infinite cone."""
-    body = solid.body
+    body = side.body
     d, worst = cone_clearance(body, cone)
-    if not (solid.in_range and np.all(np.abs(cone.apex) < LARGEST_COORDINATE / 16)):
+    if not (side.in_range and np.all(np.abs(cone.apex) < LARGEST_COORDINATE / 16)):
         return Certificate(Status.UNDECIDED, None, None, d, 0)
     m = cone.inward_normal(body.centre(worst))
     x = body.centre(worst) - body.radius(worst) * m
@@ -80,7 +80,7 @@ def certify_inside(solid: Solid, cone: AllowedCone) -> Certificate:
 
     def proof(level: int) -> tuple[float, bool]:
         """Return the smallest s over a mesh, and whether FCL agrees: body inside, or worst end ball outside."""
-        inside = d > 0 and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0))
+        inside = d > 0 and all(keeps_off(side, cone, eta) for eta in (0.0, 1.0))
         return smallest_s(body, cone, MESHES.sides[level]), inside if d > 0 else reaches_beyond(body, cone, worst)
 
     return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(MESHES.sides))
@@ -101,15 +101,15 @@ def smallest_s(body: ConeSphere, cone: AllowedCone, sides: int) -> float:
     return smallest
 
 
-def keeps_off(solid: Solid, cone: AllowedCone, eta: float) -> bool:
+def keeps_off(side: RoundBody, cone: AllowedCone, eta: float) -> bool:
     """True if FCL finds an outer mesh disjoint from the outside of the half-space nearest to an end ball.
 
     A mesh turned towards the half-space is built only if the common mesh overlaps.
     """
-    m, x, outside = _outside_at_ball(solid.body, cone, eta)
-    if solid.outer is not None and not solid.outer[1].overlaps(outside.place(np.eye(3), x)):
+    m, x, outside = _outside_at_ball(side.body, cone, eta)
+    if side.outer is not None and not side.outer[1].overlaps(outside.place(np.eye(3), x)):
         return True
-    mesh = facing_mesh(solid.body, x, -m, COMMON_LEVEL, inside=False)
+    mesh = facing_mesh(side.body, x, -m, COMMON_LEVEL, inside=False)
     return mesh is not None and not FclPolytope(mesh).overlaps(outside)
 
 

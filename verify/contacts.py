@@ -25,7 +25,7 @@ from topo_search.model import AllowedContact, Design, Mount
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.body import INWARDS, OUTWARDS
 from verify.bodies import AllowedCone
-from verify.certificate import Certificate, ClearanceCheck, Solid, certify_pairs
+from verify.certificate import Certificate, ClearanceCheck, RoundBody, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.cones import certify_inside, certify_parts_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, clip
@@ -104,9 +104,9 @@ def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContac
 
 
 CERTIFIERS: dict[tuple[type, type], Callable[[list[AnyCheck]], list[Certificate]]] = {
-    (Solid, Solid): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
-    (Solid, AllowedCone): lambda batch: [certify_inside(check.body, check.against) for check in batch],
-    (Solid, HullBody): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
+    (RoundBody, RoundBody): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
+    (RoundBody, AllowedCone): lambda batch: [certify_inside(check.body, check.against) for check in batch],
+    (RoundBody, HullBody): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
     (Compound, Compound): lambda batch: certify_compounds(
         [(check.body, check.against) for check in batch], [check.bolted for check in batch]
     ),

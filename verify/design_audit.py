@@ -20,7 +20,7 @@ from topo_search.model import Audit, Clearance, Design, Geometry, Module, Status
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.bodies import Array
-from verify.certificate import Certificate, Solid
+from verify.certificate import Certificate, RoundBody
 from verify.contacts import AnyCheck, allowed_contacts, certify
 from verify.features import CLEARANCES, SECTIONS, assembly, complete, interference
 from verify.requirements import Scene
@@ -90,7 +90,11 @@ def _closest_points(
 
     def points(check: AnyCheck, certificate: Certificate) -> Array:
         body, against = check.body, check.against
-        if check.kind in ("separation", "exclusion") and isinstance(body, Solid) and isinstance(against, Solid):
+        if (
+            check.kind in ("separation", "exclusion")
+            and isinstance(body, RoundBody)
+            and isinstance(against, RoundBody)
+        ):
             return np.stack([body.body.o, against.body.o])
         return np.full((2, 3), np.nan) if certificate.closest is None else certificate.closest
 
@@ -126,7 +130,7 @@ def _clearance(
 
 def _describe(check: AnyCheck) -> tuple[str, str]:
     """Return both sides of a check with all digits, in l_arm from the mean of the module centres."""
-    sides = (side.body if isinstance(side, Solid) else side for side in (check.body, check.against))
+    sides = (side.body if isinstance(side, RoundBody) else side for side in (check.body, check.against))
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):
         body, against = (" ".join(repr(side).split()) for side in sides)
     return f"body: {body}", f"against: {against}"

@@ -11,7 +11,8 @@ from verify.brackets import beside_brackets
 from verify.contacts import keep_apart
 from verify.flight.analysis import flight
 from verify.flight.residuals import flight_residuals
-from verify.interference import interference, mesh_excess
+from verify.interference import interference
+from verify.mesh_excess import mesh_excess
 from verify.requirements import Scene
 from verify.sections import Clearances, Section
 from verify.sensitivity import sensitivity

@@ -1,4 +1,4 @@
-"""Overlap of envelopes by the three metrics of the paper's ablation (Sec. IV), and excess of meshes.
+"""Overlap of envelopes by the three metrics of the paper's ablation (Sec. IV).
 
 Depths are in percent of the deepest possible overlap, 2 (r_air + dr_air), the sum of two envelopes' largest radii.
 Envelopes that overlap, directly or through others, form a cluster.
@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from topo_search.model import Clearance, Interference, MeshExcess, Status
-from verify.sections import Findings
+from topo_search.model import Clearance, Interference, Status
 
 
 def interference(pairs: Sequence[Clearance]) -> Interference:
@@ -24,13 +23,4 @@ def interference(pairs: Sequence[Clearance]) -> Interference:
         colliding_pairs=len(colliding),
         deepest_percent=max((-pair.percent for pair in colliding if pair.percent is not None), default=0.0),
         clusters=tuple(sorted((tuple(sorted(cluster)) for cluster in clusters), key=lambda c: (-len(c), c))),
-    )
-
-
-def mesh_excess(found: Findings) -> tuple[MeshExcess, ...]:
-    """Return by how much regions exceed the meshes that they are made from."""
-    return tuple(
-        MeshExcess(exposure=number, segment=segment, at_most_m=excess)
-        for number, exposure in enumerate(found.scene.design.task.exposure)
-        for segment, excess in exposure.mesh_excesses()
     )

@@ -27,7 +27,7 @@ import numpy as np
 from topo_search.model import Module, Mount
 from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.bodies import Array, ConeSphere
-from verify.certificate import Solid
+from verify.certificate import RoundBody
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, capsule, cylinder
 
@@ -96,9 +96,9 @@ class StraightRod:
         return float(np.linalg.norm(self.path))
 
     @property
-    def solid(self) -> Solid:
+    def round_body(self) -> RoundBody:
         """The whole rod, for clearance from airflow."""
-        return Solid(ConeSphere(self.start, self.path, self.radius, 0.0))
+        return RoundBody(ConeSphere(self.start, self.path, self.radius, 0.0))
 
     def body_beside(self, module: int) -> Compound | None:
         """Return what must not touch a module: the rod, on its own module without the fitting; None if empty."""

@@ -19,7 +19,7 @@ from topo_search.model.airflow import AirflowEnvelope
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
 from verify.bodies import AllowedCone, Array, ConeSphere, ball
-from verify.certificate import ClearanceCheck, Solid
+from verify.certificate import ClearanceCheck, RoundBody
 from verify.compounds import Compound
 from verify.hulls import HullBody, hull
 from verify.kinematics import Platform, platform
@@ -27,7 +27,7 @@ from verify.meshes import LARGEST_COORDINATE
 from verify.parts import StraightRod, module_body
 
 
-class ClearanceRequirement(ClearanceCheck[Solid, Solid | AllowedCone | HullBody]):
+class ClearanceRequirement(ClearanceCheck[RoundBody, RoundBody | AllowedCone | HullBody]):
     """A cone-sphere (airflow envelope, ball or rod) that must keep clear of a volume or stay inside a cone."""
 
 
@@ -47,19 +47,19 @@ class Scene:
         """End-effector from the COM; some requirements take their direction from it."""
 
     @cached_property
-    def envelopes(self) -> list[Solid]:
+    def envelopes(self) -> list[RoundBody]:
         """Airflow envelopes of all modules."""
         return self._place(self.design.task.module.envelope)
 
     @cached_property
-    def region_envelopes(self) -> list[Solid]:
+    def region_envelopes(self) -> list[RoundBody]:
         """Airflow envelopes used against target regions."""
         return self._place(self.design.task.module.region_envelope)
 
-    def _place(self, envelope: AirflowEnvelope) -> list[Solid]:
+    def _place(self, envelope: AirflowEnvelope) -> list[RoundBody]:
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
-        solid = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        return [solid.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
+        body = RoundBody(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
+        return [body.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
 
     @cached_property
     def body(self) -> Compound:
@@ -110,7 +110,7 @@ class Scene:
                 if (a, b) not in exempt:
                     yield ClearanceRequirement("separation", a, b, balls[a], balls[b])
 
-    def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | AllowedCone | HullBody]]:
+    def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, RoundBody | AllowedCone | HullBody]]:
         """Yield the volumes of a requirement with their path or plane numbers; a cone is the allowed side."""
         if isinstance(exposure, Exterior):
             outwards = self._outward_direction() if exposure.axis == "com" else -_unit(np.array(exposure.axis))
@@ -122,13 +122,13 @@ class Scene:
             for number, (outwards, offset) in enumerate(half_spaces(exposure)):
                 yield number, AllowedCone(self.tip + offset / self.l_arm * outwards, -outwards, 90.0)
         elif exposure.radius is not None:
-            yield None, Solid(ball(self.tip, exposure.radius / self.l_arm))
+            yield None, RoundBody(ball(self.tip, exposure.radius / self.l_arm))
         else:
             for piece, points in enumerate(exposure.polytopes):
                 region = hull(points / self.l_arm).move(self.tip)  # hull first: coordinates far away lose digits
                 yield None if exposure.pieces is None else piece, region
 
-    def _capsules(self, exposure: Directional) -> list[Solid]:
+    def _capsules(self, exposure: Directional) -> list[RoundBody]:
         r = exposure.radius / self.l_arm
         origin, paths = np.zeros(3), list[tuple[Array, Array]]()
         if exposure.segments is not None:
@@ -139,13 +139,13 @@ class Scene:
                 paths += [(points[k], points[k + 1] - points[k]) for k in range(len(points) - 1)]
         elif exposure.length is not None and (outwards := self._outward_direction()) is not None:
             paths = [(origin, exposure.length / self.l_arm * outwards)]
-        return [Solid(ConeSphere(self.tip + start, path, r, 0.0)) for start, path in paths]
+        return [RoundBody(ConeSphere(self.tip + start, path, r, 0.0)) for start, path in paths]
 
     def rod(self, mount: Mount | None) -> Iterator[ClearanceRequirement]:
         """Yield the rod from a mount against every airflow envelope; counts if the task requires a straight rod."""
         if mount is None or not self.in_range:
             return
-        body = self.straight_rod(mount).solid
+        body = self.straight_rod(mount).round_body
         counts = self.design.task.end_effector.rod == "straight"
         for b, envelope in enumerate(self.envelopes):
             yield ClearanceRequirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
@@ -165,9 +165,9 @@ def half_spaces(exposure: Exposure) -> list[tuple[Array, float]]:
     return []
 
 
-def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:
-    solid, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
-    return [solid.place(R, centre) for centre in centres]
+def _balls(centres: Sequence[Array] | Array, radius: float) -> list[RoundBody]:
+    body, R = RoundBody(ball(np.zeros(3), radius)), np.eye(3)
+    return [body.place(R, centre) for centre in centres]
 
 
 def _unit(v: Array) -> Array:

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from topo_search.model import Design, Mount, Status
 from topo_search.model.end_effector import TIP
 from verify.bodies import AllowedCone, Array, ConeSphere, ball
-from verify.certificate import FLOOR, ClearanceCheck, Solid
+from verify.certificate import FLOOR, ClearanceCheck, RoundBody
 from verify.compounds import Compound
 from verify.contacts import AnyCheck, certify
 from verify.convex import Convex, Polyhedron, capsule
@@ -51,7 +51,7 @@ def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[ClearanceR
         if distance <= FLOOR - rod.radius or (tip and tip >= rod.length):
             continue
         share = 1.0 - tip / rod.length if tip else 1.0
-        body = Solid(ConeSphere(rod.start, share * rod.path, rod.radius, 0.0))
+        body = RoundBody(ConeSphere(rod.start, share * rod.path, rod.radius, 0.0))
         yield ClearanceRequirement("rod-region", mount.module, number, body, region, segment, counts=counts)
 
 
@@ -71,23 +71,23 @@ def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
     return {(number, segment): scene.l_arm * _distance(scene.tip, region) for number, segment, region in regions}
 
 
-def _distance(x: Array, region: Solid | AllowedCone | HullBody) -> float:
+def _distance(x: Array, region: RoundBody | AllowedCone | HullBody) -> float:
     """Return the distance of a point from a solid region, negative inside."""
     if isinstance(region, AllowedCone):
         return float(region.s(x))
-    if isinstance(region, Solid):
+    if isinstance(region, RoundBody):
         return -float(region.body.depth(x))
     depth = region.depth(x)
     return -depth if depth > 0 else approach(ball(x, 0.0), region).d
 
 
-def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | AllowedCone | HullBody]]:
+def _regions(scene: Scene) -> Iterator[tuple[int, int | None, RoundBody | AllowedCone | HullBody]]:
     for number, exposure in enumerate(scene.design.task.exposure):
         if exposure.solid:
             yield from ((number, segment, region) for segment, region in scene.regions(exposure))
 
 
-def _body(region: Solid | HullBody) -> Compound:
+def _body(region: RoundBody | HullBody) -> Compound:
     """Return a convex solid as a rigid body."""
     solid: Convex
     if isinstance(region, HullBody):

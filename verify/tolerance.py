@@ -79,7 +79,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.beside_airflow import normals, parts_of
 from verify.bodies import AllowedCone, Array, norms
-from verify.certificate import BOUND_ROUNDING, Certificate, Solid, witnesses
+from verify.certificate import BOUND_ROUNDING, Certificate, RoundBody, witnesses
 from verify.compounds import Compound, proximities
 from verify.cones import lowest_point
 from verify.contacts import AnyCheck
@@ -199,7 +199,7 @@ class Weakest(NamedTuple):
     """One or more, for the points of each side that errors bring closest."""
 
 
-Row = tuple[_Side, _Side]
+Sides = tuple[_Side, _Side]
 
 
 class _Points(NamedTuple):
@@ -314,7 +314,7 @@ class Tolerance:
         beside = b if kind in ("airflow", "separation", "body", "rotor-airflow", "rod-airflow") else self._tip
         return rod if kind in ("rod-airflow", "rod-region") else (a,), rod if kind == "rod" else (beside,)
 
-    def _table(self, checks: Sequence[AnyCheck], rows: Sequence[Row]) -> _Table:
+    def _table(self, checks: Sequence[AnyCheck], rows: Sequence[Sides]) -> _Table:
         """Return the table of rows and their checks."""
         carriers = [(*A, *B) for A, B in map(self._carriers, checks)]
         shared = np.array([self._levers.moves[:, modules].all(axis=1) for modules in carriers])
@@ -325,7 +325,7 @@ class Tolerance:
 
     def _plain_table(self, checks: Sequence[tuple[AnyCheck, Certificate]]) -> _Table:
         """Return the table of bounds without n: the clearance less the lengths of all displacements."""
-        places, rows = np.concatenate([self.scene.centres, self.scene.tip[None]]), list[Row]()
+        places, rows = np.concatenate([self.scene.centres, self.scene.tip[None]]), list[Sides]()
         for check, certificate in checks:
             gap = min(certificate.analytic, 0.0) if certificate.lower is None else certificate.lower
             sides = []
@@ -345,7 +345,7 @@ class Tolerance:
         table = self._table([check for check, _ in checks], rows)
         return table._replace(A=table.A.without_direction(), B=table.B.without_direction())
 
-    def _simple_rows(self, checks: Sequence[AnyCheck]) -> list[Row]:
+    def _simple_rows(self, checks: Sequence[AnyCheck]) -> list[Sides]:
         """Return one row per check of a cone-sphere."""
         pairs = [(check.body, check.against) for check in checks if not isinstance(check.against, AllowedCone)]
         found = witnesses(pairs)
@@ -356,13 +356,13 @@ class Tolerance:
             for check in checks
         ]
 
-    def _rows_by_parts(self, check: AnyCheck) -> list[Row]:
+    def _rows_by_parts(self, check: AnyCheck) -> list[Sides]:
         """Return one row for every two parts that must not touch."""
         A, B = check.body, check.against
         if isinstance(B, AllowedCone):
             return [self._cone_row(check, part) for part in A.parts]
-        if isinstance(B, Solid):
-            pieces = [Solid(piece) for piece in B.body.cut(PIECES)]
+        if isinstance(B, RoundBody):
+            pieces = [RoundBody(piece) for piece in B.body.cut(PIECES)]
             facing = zip(parts_of(check), normals(check, pieces), strict=True)
             return [
                 self._row(check, part, piece, n)
@@ -373,7 +373,7 @@ class Tolerance:
         indices = np.argwhere(proximity.relevant).tolist()
         return [self._row(check, A.parts[i], B.parts[j], proximity.normals[i, j]) for i, j in indices]
 
-    def _row(self, check: AnyCheck, A: AnyConvex, B: AnyConvex, n: Array) -> Row:
+    def _row(self, check: AnyCheck, A: AnyConvex, B: AnyConvex, n: Array) -> Sides:
         """Return the row of two convex sides or parts."""
         carriers_A, carriers_B = self._carriers(check)
         side_A, side_B = _side(A, n, carriers_A)._replace(shift=2.0), _side(B, -n, carriers_B)
@@ -393,7 +393,7 @@ class Tolerance:
         length = self.scene.straight_rod(self.mount).length
         return min(2.0, 4 * (length - float(np.linalg.norm(x[1] - x[0]))) / length)
 
-    def _cone_row(self, check: AnyCheck, A: AnyConvex) -> Row:
+    def _cone_row(self, check: AnyCheck, A: AnyConvex) -> Sides:
         """Return the row of a convex side or part in a cone."""
         cone, (carriers, _) = check.against, self._carriers(check)
         towards = -cone.inward_normal(lowest_point(A, cone)) if isinstance(A, Cylinder) else cone.axis
@@ -521,12 +521,12 @@ class Tolerance:
         return np.asarray(gradient - (gradient @ along) * along) / self._v
 
 
-AnyConvex = Solid | HullBody | Convex
+AnyConvex = RoundBody | HullBody | Convex
 
 
 def _balls(body: AnyConvex, n: Array) -> tuple[Array, Array | float]:
     """Return points and radii of balls whose hull contains a body and reaches as far along n."""
-    if isinstance(body, Solid):
+    if isinstance(body, RoundBody):
         solid = body.body
         return np.stack([solid.o, solid.o + solid.d]), np.array([solid.r, solid.r + solid.dr])
     if isinstance(body, HullBody):
@@ -546,7 +546,7 @@ def _farthest(body: Compound | AnyConvex | AllowedCone, x: Array) -> float:
         return 0.0
     if isinstance(body, Compound):
         return float(np.linalg.norm(body.bounds.centre - x)) + body.bounds.radius
-    if isinstance(body, Solid):
+    if isinstance(body, RoundBody):
         return float(np.linalg.norm(body.body.o - x)) + body.body.extent
     assert isinstance(body, HullBody)
     return float(norms(body.mesh.vertices - x).max())

@@ -11,6 +11,6 @@ from pathlib import Path
 
 from nlp.assembled.chain_rule import slopes
 from nlp.symbols import clearance
-from topo_search.model.compiled_code import refresh
+from topo_search.compiled_code import refresh
 
 refresh(slopes, Path(__file__).parent, Path(clearance.__file__))

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from nlp.assembled.platform import Indices, Mask
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 @njit(cache=True)

@@ -24,8 +24,8 @@ import math
 import numpy as np
 
 from nlp.symbols.clearance import EPSILON
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 CANDIDATES = 9
 """The stationary point, two on the edges eta = 0, 1, two on the edges gamma = 0, 1, and the corners."""

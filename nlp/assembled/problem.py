@@ -22,7 +22,7 @@ import numpy as np
 
 from nlp.assembled.chain_rule import add_curvature, slopes
 from nlp.assembled.platform import CROSS, AssembledPlatform, Indices, Layout
-from nlp.assembled.terms import Jet, Term, derived_rows, inertia_terms
+from nlp.assembled.terms import Derivatives, Term, derived_rows, inertia_terms
 from nlp.requirements import Requirement
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -88,7 +88,7 @@ class AssembledProblem:
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
-        self._jets: list[Jet] | None = None
+        self._jets: list[Derivatives] | None = None
         self._appended: list[tuple[RowBlock, slice, Indices, Indices]] = []
 
     def _index(self, inertial: list[tuple[int, Term]]) -> None:
@@ -136,7 +136,7 @@ class AssembledProblem:
             self.platform, self._jets = AssembledPlatform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
-    def _derive(self, platform: AssembledPlatform) -> list[Jet]:
+    def _derive(self, platform: AssembledPlatform) -> list[Derivatives]:
         self._jets = self._jets or [term.evaluate(platform) for term in self._terms]
         return self._jets
 

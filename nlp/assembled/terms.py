@@ -38,9 +38,9 @@ from topo_search.model.value import Vector
 
 MAX_BUFFERS = 15
 """Largest number of cached buffers per expression: one per number of columns."""
-Jet = tuple[Array, ...]
+Derivatives = tuple[Array, ...]
 """Values (m,), gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
-Derived = Callable[[Array], Jet]
+Derived = Callable[[Array], Derivatives]
 """A function of local vectors of shape (m, s, 3) with its derivatives."""
 
 
@@ -72,7 +72,7 @@ class Term:
         self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # rigid turns change nothing
         """Mask of unknowns that change each clearance, shape (m, g)."""
 
-    def evaluate(self, platform: AssembledPlatform) -> Jet:
+    def evaluate(self, platform: AssembledPlatform) -> Derivatives:
         """Return values and derivatives by the local vectors."""
         return self._derived(platform.V.take(self.plus, 0) - platform.V.take(self.minus, 0))
 
@@ -86,9 +86,9 @@ class Mapped:
         results = [expression, ca.densify(gradient), ca.densify(hessian)]
         self._size = variables.numel()
         self._function = ca.Function("term", [variables], results)
-        self._buffers: dict[int, tuple[Any, Any, Array, Jet]] = {}
+        self._buffers: dict[int, tuple[Any, Any, Array, Derivatives]] = {}
 
-    def __call__(self, y: Array) -> Jet:
+    def __call__(self, y: Array) -> Derivatives:
         """Return values, gradients and Hessians."""
         m = len(y)
         if m not in self._buffers:
@@ -100,7 +100,7 @@ class Mapped:
         trigger()
         return tuple(output.copy() for output in outputs)
 
-    def _buffer(self, m: int) -> tuple[Any, Any, Array, Jet]:
+    def _buffer(self, m: int) -> tuple[Any, Any, Array, Derivatives]:
         """Return CasADi's buffer of the mapped function with its input and output arrays."""
         function: Any = self._function.map(m)
         buffer, trigger = function.buffer()
@@ -134,7 +134,7 @@ def _envelope_pair(air: Air, beta: float) -> Derived:
     np.add.at(multiples, ([*range(4)] * 2, [*first, *second], [*second, *first]), np.tile(numbers, 2))
     Q, same_axis = multiples.reshape(4, 9), np.eye(3)[:, None, :]
 
-    def differentiate(y: Array) -> Jet:
+    def differentiate(y: Array) -> Derivatives:
         m = len(y)
         dots = np.einsum("rka,rka->rk", y.take(first, 1), y.take(second, 1))
         coefficients = numbers * dots + constants

@@ -8,7 +8,7 @@ r"""Lower bounds on air speed, wherever the modules are: rotors draw air in from
 | R, rho | radius of a rotor; density of air | m; kg/m^3 |
 
 A single rotor of thrust T makes at least sqrt(T / (2 rho pi R^2)) / (1 + sqrt 2 D / R)^2 at the distance D
-(H_q of `nlp.air.limits`), a module at least the sum over its rotors, and speeds of modules add up. Thrusts
+(H_q of `nlp.air.jets`), a module at least the sum over its rotors, and speeds of modules add up. Thrusts
 add up to at least F, and sqrt(T) >= T / sqrt(T_max). So the speed at the point is at least
 
 .. math:: \frac{F}{\sqrt{T_{max}\, 2 \rho \pi R^2}} \, (1 + \sqrt 2 D / R)^{-2}

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 LEAST_PIVOT = 1e-30
 """Lower bound on a pivot, which rounding can make smaller."""

@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topo_search.compiled_code import njit
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.air.speeds import Speeds, speeds_of
+from nlp.air.search_rows import Speeds, speeds_of
 from nlp.numbers.geometry import torque_map
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses

@@ -38,8 +38,8 @@ from nlp.requirements.statement import (
     ROD,
     TIP_POINT,
 )
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class GapLimits(NamedTuple):
@@ -57,7 +57,7 @@ class GapLimits(NamedTuple):
 
 GAPS = GapLimits()
 NO_AXIS = (0.0, 0.0, 0.0)
-Swept = tuple[Vector, Vector, float, float]
+SweptPiece = tuple[Vector, Vector, float, float]
 """Start, axis, start radius and growth of a swept ball."""
 
 
@@ -226,7 +226,7 @@ def _are_far(problem: ReducedProblem, pose: ReducedPlatform, r: int, reach: floa
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> Swept:
+def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> SweptPiece:
     """Return piece k of the body of row r: its start from the COM, its axis, start radius and growth."""
     i, bodies = problem.rows.i[r], problem.rows.bodies
     kind, k_0, numbers, o = bodies.kind[r], bodies.first[r], bodies.numbers, row(pose.o, i)
@@ -243,7 +243,7 @@ def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> Sw
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
 def _gap(
-    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: Swept
+    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: SweptPiece
 ) -> tuple[float, float, Vector, Vector]:
     """Return the gap of a body from the obstacle of row r, and eta of its nearest point.
 
@@ -335,7 +335,7 @@ def _tip_share(to_start: Vector, tip: float) -> float:
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
 def _push_on_rod(
-    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: Swept, eta: float, push: Vector
+    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: SweptPiece, eta: float, push: Vector
 ) -> Vector:
     """Return the gradient by a rod's start, whose nearest point is (1 - eta) t + eta tip t / |t| from p'_E."""
     bodies = problem.rows.bodies

@@ -42,8 +42,8 @@ from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import ReducedPlatform, add_reaction, platform
 from nlp.reduced.speeds import add_speed_rows
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class StepSettings(NamedTuple):

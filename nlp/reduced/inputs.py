@@ -31,8 +31,8 @@ from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.numbers.masses import TINY
 from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class DualAscent(NamedTuple):

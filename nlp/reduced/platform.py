@@ -32,8 +32,8 @@ import numpy as np
 
 from nlp.numbers.kinematics import Vector, add, chain, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
+from topo_search.compiled_code import njit, refresh
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit, refresh
 
 
 class ReducedPlatform(NamedTuple):

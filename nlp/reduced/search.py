@@ -24,9 +24,9 @@ from nlp.reduced.descent import DescentPhase, Evaluation, descend, estimates, ev
 from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
+from topo_search.compiled_code import njit
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class CornerSettings(NamedTuple):

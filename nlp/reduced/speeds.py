@@ -43,15 +43,15 @@ from nlp.air.jets import (
     project_inside,
     speed,
 )
-from nlp.air.speeds import Speeds
+from nlp.air.search_rows import Speeds
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, rotor_wrenches
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class RowLimits(NamedTuple):

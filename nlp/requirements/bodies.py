@@ -120,7 +120,7 @@ class PartBalls:
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
 
-Body = Air | RodShape | PartBalls
+AnyBody = Air | RodShape | PartBalls
 """Body that keeps out of a region at the end-effector; hashable."""
 
 

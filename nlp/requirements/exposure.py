@@ -29,7 +29,7 @@ import numpy as np
 from nlp import names
 from nlp.numbers.geometry import Ball, Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.requirements.bodies import Air, Body, PartBalls, divide
+from nlp.requirements.bodies import Air, AnyBody, PartBalls, divide
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -40,9 +40,9 @@ from nlp.requirements.statement import (
     FacesObstacle,
     HullObstacle,
     LocalVector,
-    Obstacle,
     OffsetObstacle,
     Requirement,
+    SearchObstacle,
     SearchRow,
     Subjects,
     TipObstacle,
@@ -102,7 +102,7 @@ class CapsuleRegion:
             path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
 
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> tuple[SearchObstacle, ...]:
         """Return one obstacle."""
         return (CapsuleObstacle(self.start, self.path, self.radius, self.length or 0.0),)
 
@@ -122,7 +122,7 @@ class HullRegion:
         """Return the gap where f is smallest."""
         return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
 
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> tuple[SearchObstacle, ...]:
         """Return one obstacle."""
         return (HullObstacle(hull_of(self.corners)),)
 
@@ -144,7 +144,7 @@ class HullFaces(HullRegion):
         normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
         return np.asarray((swept.o @ normals.T - offsets).max(axis=-1) - swept.r_0)
 
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> tuple[SearchObstacle, ...]:
         """Return one obstacle."""
         return (FacesObstacle(hull_of(self.corners)),)
 
@@ -186,13 +186,13 @@ class InfiniteCone:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> tuple[SearchObstacle, ...]:
         """Return an obstacle for each end ball."""
         axis, angle = self.axis or ORIGIN, (math.sin(self.half_angle), math.cos(self.half_angle))
         return tuple(ConeObstacle(self.apex, axis, *angle, end, float(self.axis is None)) for end in (0.0, 1.0))
 
 
-Region = CapsuleRegion | HullRegion | InfiniteCone
+AnyRegion = CapsuleRegion | HullRegion | InfiniteCone
 """A region, in l_arm from p'_E; hashable. Its local vectors are p_E if its direction follows p_E, else none."""
 
 
@@ -200,8 +200,8 @@ Region = CapsuleRegion | HullRegion | InfiniteCone
 class RegionClearance:
     """Clearance of a body from a region that it stays out of, or of a cone that it stays in."""
 
-    body: Body
-    region: Region
+    body: AnyBody
+    region: AnyRegion
     segment: int | None = None
 
     @property
@@ -226,9 +226,9 @@ class RegionClearance:
         return tuple(SearchRow(self.body.search_body, obstacle) for obstacle in obstacles)
 
 
-def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> RegionClearance:
+def to_formula(shape: Shape, body: AnyBody, unit: float, segment: int | None) -> RegionClearance:
     """Return the clearance of a body from one shape of a requirement; `unit` is l_arm [m]."""
-    region: Region
+    region: AnyRegion
     match shape:
         case Capsule(radius=radius, length=float(length)):
             region = CapsuleRegion(radius / unit, length=length / unit)
@@ -259,7 +259,7 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
 
-    def formulas(exposure: AnyExposure, body: Body) -> tuple[RegionClearance, ...]:
+    def formulas(exposure: AnyExposure, body: AnyBody) -> tuple[RegionClearance, ...]:
         return tuple(
             to_formula(shape, body, unit, segment_of(exposure, k)) for k, shape in enumerate(exposure.shapes)
         )

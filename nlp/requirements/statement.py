@@ -130,11 +130,11 @@ class OffsetObstacle(NamedTuple):
 
 
 SearchBody = CentreBody | EnvelopeBody | RodBody | PartsBody
-Obstacle = (
+SearchObstacle = (
     ModuleObstacle | AirflowObstacle | TipObstacle | CapsuleObstacle | HullObstacle | FacesObstacle
     | ConeObstacle | ReachObstacle | OffsetObstacle
 )  # fmt: skip
-BODIES, OBSTACLES = get_args(SearchBody), get_args(Obstacle)
+BODIES, OBSTACLES = get_args(SearchBody), get_args(SearchObstacle)
 CENTRE, ENVELOPE, ROD, PARTS = range(len(BODIES))
 MODULE, AIRFLOW, TIP_POINT, CAPSULE, HULL, FACES, CONE, REACH, OFFSET = range(len(OBSTACLES))
 """Kinds of bodies and obstacles in the compiled search; `nlp.reduced.clearance` has a function for each."""
@@ -144,7 +144,7 @@ class SearchRow(NamedTuple):
     """A row of the compiled search: a body of module i keeps out of an obstacle."""
 
     body: SearchBody
-    obstacle: Obstacle
+    obstacle: SearchObstacle
     subject: int = 0
     """Index of module i in the requirement's subject."""
 

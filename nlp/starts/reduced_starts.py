@@ -18,9 +18,9 @@ from nlp.numbers.geometry import largest_turn, signs
 from nlp.numbers.kinematics import Tree, chain
 from nlp.reduced.arrays import ReducedProblem
 from nlp.starts.random_starts import DRAWING, cones, entropy, mean_force, upstream_of
+from topo_search.compiled_code import njit, refresh
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit, refresh
 
 LEAST_OFFSET, LARGEST_OFFSET = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""

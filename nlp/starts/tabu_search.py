@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
 

@@ -26,7 +26,7 @@ from nlp.user_constraints.rows import TOLERANCE, UserRows, platform_of, rows, sc
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.design import StatedCheck
-from topo_search.protocols import OwnConstraint, SymbolicPlatform
+from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 
 DRAWS = 256
 """Number of random platforms; each value of a user constraint must be finite on one of them."""

@@ -25,7 +25,7 @@ from nlp.rows import UserConstraints, Violation
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.protocols import OwnConstraint, SymbolicPlatform
+from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 
 
 def scale_of(constraint: OwnConstraint, task: ResolvedTask) -> float:

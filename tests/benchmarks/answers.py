@@ -27,7 +27,7 @@ from topo_search.model.task_file import read_task
 GALLERY = Path(__file__).resolve().parents[2] / "notebooks/results/gallery.json"
 SOLVE = """
 import json, sys
-from nlp.solve import solve
+from nlp.solving import solve
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.model.task_file import read_task

@@ -16,7 +16,7 @@ import time
 from collections.abc import Sequence
 
 from nlp import hinge_sets, solve
-from nlp.solve import default_starts
+from nlp.solving import default_starts
 from topo_search.model import Design, Topology
 from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, sample

@@ -22,7 +22,7 @@ from verify_families import JUDGED, SCALES_OF, Judged
 
 from topo_search.model import Status
 from verify.bodies import ConeSphere
-from verify.certificate import FLOOR, Solid, certify_pairs
+from verify.certificate import FLOOR, RoundBody, certify_pairs
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Tally:
     def add(self, pairs: list[tuple[ConeSphere, ConeSphere]]) -> None:
         """Judge pairs and count the verdicts."""
         started = time.perf_counter()
-        certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
+        certificates = certify_pairs([(RoundBody(A), RoundBody(B)) for A, B in pairs])
         self.seconds += time.perf_counter() - started
         for certificate, d in zip(certificates, brute_clearance(pairs).tolist(), strict=True):
             self.count(Judged(certificate, d))

@@ -11,7 +11,7 @@ from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
 
 import nlp
-from nlp.solve import UNTANGLED_STARTS
+from nlp.solving import UNTANGLED_STARTS
 from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample

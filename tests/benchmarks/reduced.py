@@ -36,7 +36,7 @@ WITHIN = 1e-3
 OLD_STARTS = 24
 """Default number of starts per tree of the solver before the reduced search."""
 SOLVE = """
-from nlp.solve import solve
+from nlp.solving import solve
 from topo_search.model import Design
 
 def effort(task, topology):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import nlp
 import nlp.reduced
-from nlp.solve import REDUCED_STARTS, UNTANGLED_STARTS
+from nlp.solving import REDUCED_STARTS, UNTANGLED_STARTS
 from topo_search.engine import Candidates
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.task_file import read_task

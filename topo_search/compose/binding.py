@@ -38,7 +38,7 @@ from topo_search.model import (
 from topo_search.model.air import SpeedEnvelope
 from topo_search.model.airflow import RegionAirflow, Thrust
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.protocols import ConstraintExpression, Expression, OwnConstraint, SymbolicPlatform
+from topo_search.own_constraint import ConstraintExpression, Expression, OwnConstraint, SymbolicPlatform
 from topo_search.study import Observer, Sampler
 from verify.air.envelope import Unreached, enclose
 

@@ -19,7 +19,7 @@ from topo_search.model.files import load_json, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
-from topo_search.protocols import OwnConstraint
+from topo_search.own_constraint import OwnConstraint
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
 from topo_search.topologies.own_topologies import OwnTopology, own_topology

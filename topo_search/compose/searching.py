@@ -29,7 +29,7 @@ from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.proof import Problem
 from topo_search.model.task_file import read_task
-from topo_search.protocols import OwnConstraint
+from topo_search.own_constraint import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,
     Answer,

@@ -26,7 +26,7 @@ from topo_search.engine.workers import (
     audit_job,
     merge,
     record_of,
-    rounds,
     scaled_violation,
     solve_deadline,
+    start_ranges,
 )

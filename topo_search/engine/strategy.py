@@ -20,7 +20,7 @@ from itertools import repeat
 from random import Random
 from typing import Any, Final, Literal, NamedTuple
 
-from topo_search.engine.workers import rounds
+from topo_search.engine.workers import start_ranges
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import Candidate, Family, Root, Symmetry
 
@@ -106,7 +106,7 @@ class ExhaustiveSearch(Strategy):
             bound: lower bound of all objectives; a design that reaches it ends the search.
         """
         super().__init__()
-        self._stops = deque(part.stop for part in rounds(starts, starts, timed=timed))
+        self._stops = deque(part.stop for part in start_ranges(starts, starts, timed=timed))
         self._candidates = space.candidates()  # there may be millions: enumerated as they are solved
         self._proposed = list[Candidate]()
         self._best, self._bound, self._prunes = math.inf, bound, math.isfinite(bound)

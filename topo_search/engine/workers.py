@@ -167,7 +167,7 @@ def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
     return audit(labelled[1])
 
 
-def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
+def start_ranges(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
     """Yield the ranges of starts that are solved one after the other; with a time limit they grow from one start.
 
     Args:

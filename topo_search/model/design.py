@@ -67,7 +67,7 @@ class Stated(Versioned):
     """Upper bound, in `unit`; None: unbounded."""
     unit: Line = ""
     invariant: Literal["none", "numbering", "mirror"] = "none"
-    """Changes that do not affect its result, as claimed by the user (`topo_search.protocols.OwnConstraint`)."""
+    """Changes that do not affect its result, as claimed by the user (`topo_search.OwnConstraint`)."""
 
     @property
     def bounds(self) -> str:

@@ -64,14 +64,14 @@ def _check_thickness(box: Vector) -> Vector:
     return box
 
 
-Points = Annotated[tuple[Vector, ...], at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)]
+HullPoints = Annotated[tuple[Vector, ...], at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)]
 
 
 Solid = Annotated[Flag, OMIT_EMPTY]
 """True if a region is a solid object, such as a wall, so that rigid parts must stay out of it too."""
 
 
-Relaxable = tuple[str, float, str, str]
+RelaxableField = tuple[str, float, str, str]
 """Field that can be relaxed: name, largest share (negative: the value shrinks), change in words, unit."""
 
 
@@ -129,9 +129,9 @@ class Local(Region):
     """r_sph: radius of a ball centred at p_E [m]; default: 0.15, if no other shape is given."""
     box: Omitted[Annotated[PositiveVector, AfterValidator(_check_thickness)]] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
-    vertices: Omitted[Points] = None
+    vertices: Omitted[HullPoints] = None
     """Points from p_E [m]; the region is their convex hull."""
-    pieces: Omitted[Annotated[tuple[Points, ...], at_most(LIMITS.pieces, "pieces"), NonEmpty]] = None
+    pieces: Omitted[Annotated[tuple[HullPoints, ...], at_most(LIMITS.pieces, "pieces"), NonEmpty]] = None
     """Lists of points from p_E [m]; the region is the union of their convex hulls."""
     mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(LIMITS.pieces)]] = None
     """Upper bound for the excess of each piece over its source mesh [m]; None without excess."""
@@ -172,7 +172,7 @@ class Local(Region):
         return hulls + (f", up to {length(proven.at_most(beyond, 3))} larger than the mesh" if beyond else "")
 
     @property
-    def relaxable(self) -> tuple[Relaxable, ...]:
+    def relaxable(self) -> tuple[RelaxableField, ...]:
         """Size of the region."""
         regions = ((name, -1.0, "smaller region", "") for name in ("box", "vertices", "pieces"))
         return (("radius", -1.0, "smaller radius", "m"), *regions)
@@ -253,7 +253,7 @@ class Directional(Region):
         return f"capsules of radius {length(self.radius)} along {path}"
 
     @property
-    def relaxable(self) -> tuple[Relaxable, ...]:
+    def relaxable(self) -> tuple[RelaxableField, ...]:
         """Radius of the capsules."""
         return (("radius", -1.0, "smaller radius", "m"),)
 
@@ -287,7 +287,7 @@ class Exterior(UnboundedRegion):
         )
 
     @property
-    def relaxable(self) -> tuple[Relaxable, ...]:
+    def relaxable(self) -> tuple[RelaxableField, ...]:
         """Half-angle of the cone, up to a half-space."""
         return (("half_angle_deg", min(1.0, 90 / self.half_angle_deg - 1), "wider cone", "deg"),)
 
@@ -339,7 +339,7 @@ class Allowed(UnboundedRegion):
         return f"everything except where {' and '.join(sides)}, with x from the end-effector"
 
     @property
-    def relaxable(self) -> tuple[Relaxable, ...]:
+    def relaxable(self) -> tuple[RelaxableField, ...]:
         """Planes, which move outwards."""
         return (("planes", 1.0, "of the airflow's length as extra room", ""),)
 

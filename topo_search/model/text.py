@@ -90,10 +90,10 @@ def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return table
 
 
-Cell = TypeVar("Cell")
+AnyCell = TypeVar("AnyCell")
 
 
-def escape_formula(cell: Cell) -> Cell | str:
+def escape_formula(cell: AnyCell) -> AnyCell | str:
     """Return a cell in which a string that a spreadsheet would run as a formula is quoted; numbers stay numbers."""
     if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
         return cell

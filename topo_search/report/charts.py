@@ -254,7 +254,7 @@ def length_or_none(metres: float | None) -> str:
     return "none" if metres is None else length(at_least(metres, 3))
 
 
-Value = TypeVar("Value")
+Choice = TypeVar("Choice")
 
 
 def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
@@ -340,7 +340,7 @@ def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:
     return frame[frame["level"] == answer.level].drop(columns="level") if answer.levels else frame
 
 
-def _choose(field: str, valid: Sequence[Value], chosen: Value | None) -> Value:
+def _choose(field: str, valid: Sequence[Choice], chosen: Choice | None) -> Choice:
     """Return the chosen value; BadInput if it is not valid."""
     if chosen is None or chosen not in valid:
         names = ", ".join(map(str, valid)) or "none"

@@ -11,6 +11,6 @@ from topo_search.study.pareto import FrontPoint, front
 from topo_search.study.progress import Observer, Phase, Plan, SilentObserver
 from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import DEFAULT_ROUND, NO_INPUTS, Request, Sampler, StrategyName, UserInputs
-from topo_search.study.run import run
+from topo_search.study.running import run
 from topo_search.study.single import Solved, solve_single
 from topo_search.study.time_left import TimeLeft

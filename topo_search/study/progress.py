@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from topo_search.engine import rounds
+from topo_search.engine import start_ranges
 from topo_search.model import ResolvedTask
 from topo_search.study.ledger import Row
 
@@ -139,7 +139,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
         count = request.space(n).count()
         candidates = count if request.trials is None else min(count, request.trials)
         if ledger.has_failures(context) or not ledger.is_complete(context, request.starts, request.trials):
-            stops = [0, *(part.stop for part in rounds(request.starts, request.starts, timed=timed))]
+            stops = [0, *(part.stop for part in start_ranges(request.starts, request.starts, timed=timed))]
             for before, stop in pairwise(stops):
                 unsolved = candidates - ledger.count_solved(context, stop)
                 name: PhaseName = "polishing" if before else "searching"

@@ -15,8 +15,8 @@ from topo_search.engine import (
     Outcome,
     audit_deadline,
     merge,
-    rounds,
     scaled_violation,
+    start_ranges,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.html import paragraph
@@ -117,7 +117,7 @@ def solve_single(
         """Return the best outcome over rounds of starts, until the starts, the time or the gains end."""
         best: Outcome = Failed("timeout", "time limit reached before the first start finished")
         idle_rounds = 0
-        for part in rounds(starts, starts or round_size, timed=time_limit is not None):
+        for part in start_ranges(starts, starts or round_size, timed=time_limit is not None):
             job = Job(task, topology, part, seed, () if part.start else tuple(near))
             outcome = next((outcome for _, outcome in tools.solve([job])), None)
             if outcome is None:  # time limit reached

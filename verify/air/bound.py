@@ -29,7 +29,7 @@ from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
 from verify.bodies import AllowedCone, Array, ConeSphere, ball, nearest_on_axis
-from verify.certificate import Solid
+from verify.certificate import RoundBody
 from verify.hulls import HullBody
 from verify.meshes import LARGEST_COORDINATE
 from verify.requirements import Scene
@@ -74,7 +74,7 @@ class SpeedBound(NamedTuple):
 
 def bound_speed(
     air: Jets,
-    region: Solid | AllowedCone | HullBody,
+    region: RoundBody | AllowedCone | HullBody,
     *,
     limit: float = math.inf,
     within: ConeSphere | None = None,
@@ -95,7 +95,7 @@ def bound_speed(
     while len(cubes):
         cubes = cubes[_may_meet(region, cubes, math.sqrt(3) * half)]
         if within is not None:
-            cubes = cubes[_may_meet(Solid(within), cubes, math.sqrt(3) * half)]
+            cubes = cubes[_may_meet(RoundBody(within), cubes, math.sqrt(3) * half)]
         bounds = np.zeros(len(cubes))
         for chunk in np.array_split(
             np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / SEARCH.chunk) or 1
@@ -117,7 +117,7 @@ def bound_speed(
     return SpeedBound(speed, max(pruned, speed * (1 + SEARCH.rounding)), best)
 
 
-def _first_cubes(air: Jets, region: Solid | AllowedCone | HullBody) -> tuple[Array, float]:
+def _first_cubes(air: Jets, region: RoundBody | AllowedCone | HullBody) -> tuple[Array, float]:
     """Return the centre, (1, 3), and half-edge of a cube around the relevant part of the region."""
     if isinstance(region, AllowedCone):
         return region.apex[None], _relevant_distance(air, region)
@@ -158,7 +158,7 @@ def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     return float(np.sqrt((air.induced**2).sum(axis=1) * np.maximum(far, inflow)).sum())
 
 
-def _may_meet(region: Solid | AllowedCone | HullBody, x: Array, h: float) -> Array:
+def _may_meet(region: RoundBody | AllowedCone | HullBody, x: Array, h: float) -> Array:
     """Return which balls of radius h about x, (m, 3), may meet the region; the others are proven not to."""
     slack = h + SEARCH.rounding * (h + float(np.abs(x).max(initial=0.0)))
     if isinstance(region, AllowedCone):
@@ -168,7 +168,7 @@ def _may_meet(region: Solid | AllowedCone | HullBody, x: Array, h: float) -> Arr
     return np.asarray(region.body.depth(x) >= -slack)
 
 
-def _points_in(region: Solid | AllowedCone | HullBody, x: Array) -> Array:
+def _points_in(region: RoundBody | AllowedCone | HullBody, x: Array) -> Array:
     """Return points of the region near points x, (m, 3); an x inside stays where it is."""
     if isinstance(region, AllowedCone):
         depth = np.maximum(region.s(x) + SEARCH.inside * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)

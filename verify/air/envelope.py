@@ -46,7 +46,7 @@ from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed
 from verify.air.jets import MODEL, Jets, jets, speeds
 from verify.bodies import Array, ball
-from verify.certificate import Solid
+from verify.certificate import RoundBody
 
 
 class VolumeSearch(NamedTuple):
@@ -172,7 +172,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
     radius = 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius)
     while bound_beyond(air, np.zeros(3), radius) >= speed:
         radius *= 2
-    fastest = bound_speed(air, Solid(ball(np.zeros(3), radius)), limit=speed)
+    fastest = bound_speed(air, RoundBody(ball(np.zeros(3), radius)), limit=speed)
     if fastest.at_least < speed:
         raise Unreached(fastest)
     points = _faster_outside(air, EnvelopeShape(SEARCH.point, 0.0, SEARCH.point), radius, speed, math.inf)

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model.compiled_code import njit
+from topo_search.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.dual import residual
 from verify.proof.platform import CheckProblem, Indices

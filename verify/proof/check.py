@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from topo_search.compiled_code import is_cached, refresh
 from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, proven
-from topo_search.model.compiled_code import is_cached, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array

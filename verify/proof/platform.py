@@ -37,9 +37,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from topo_search.compiled_code import njit
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
-from topo_search.model.compiled_code import njit
 from topo_search.model.corners import CorneredTask
 from topo_search.model.proof import Problem, proof_task
 from topo_search.model.proven import TOLERANCE

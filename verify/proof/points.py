@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model.compiled_code import njit
+from topo_search.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import CheckProblem

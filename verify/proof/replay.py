@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model.compiled_code import njit
+from topo_search.compiled_code import njit
 from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import ArcFrames

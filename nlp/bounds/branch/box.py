@@ -66,8 +66,8 @@ from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import BoxFrames, moment
 from nlp.bounds.branch.multipliers import best_input, lever_sum, residual
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 CUBIC = 1 / (9 * math.sqrt(3))
 """Largest coefficient of rho^3 (module docstring)."""

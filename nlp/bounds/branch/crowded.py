@@ -25,8 +25,8 @@ from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
 from nlp.bounds.branch.frames import BoxFrames, Frames
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 DISTANCE_ROUNDING = 1e-11
 """Allowance for rounding of a squared distance, over the squared stretched-out length."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import TreePaths
 from nlp.numbers.kinematics import Vector, add, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class Frames(NamedTuple):

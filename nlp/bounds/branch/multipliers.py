@@ -26,8 +26,8 @@ from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import Vector, add, cross, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 MIN_WEIGHT = 1e-2
 """Least weight of a load case in this search, over the largest."""

@@ -83,7 +83,7 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
 def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """Compile the search of a chunk unless its cache is up to date; `tell` gets a message if that takes long."""
     from nlp.bounds.branch.search import search
-    from topo_search.model.compiled_code import is_cached
+    from topo_search.compiled_code import is_cached
 
     if not is_cached(search):
         tell("compiling the prover (once per installation, about two minutes)")

@@ -20,8 +20,8 @@ from nlp.bounds.branch.crowded import AT_MIDDLE, EVERYWHERE, crowding
 from nlp.bounds.branch.multipliers import copy
 from nlp.bounds.branch.vertices import VertexWorkspace, vertex_workspace
 from nlp.numbers import cholesky, kinematics
+from topo_search.compiled_code import njit, refresh
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit, refresh
 
 BOUND, CROWDED, SPLIT = 0, 1, 2
 CLOSED, BOX_LIMIT, STUCK = 0, 1, 2

@@ -34,8 +34,8 @@ from nlp.bounds.branch.multipliers import (
     product,
 )
 from nlp.numbers.kinematics import add, cross, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class Flattening(NamedTuple):

@@ -12,8 +12,8 @@ from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input, lever_sum
 from nlp.numbers.kinematics import add, cross, dot, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 MAX_VERTICES = 32
 """Largest number of vertices that enter a step."""

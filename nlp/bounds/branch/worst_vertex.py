@@ -34,8 +34,8 @@ from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_inpu
 from nlp.bounds.branch.vertices import MAX_VERTICES, VertexWorkspace, fill_frames, smoothed_value
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import cross, row
+from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 
 class VertexSearch(NamedTuple):

@@ -52,7 +52,7 @@ from topo_search.engine.proposals.trials import (
     violation,
 )
 from topo_search.engine.strategy import WAIT, Candidates, Proposal, SamplerFactory, Stage, Strategy, Tried
-from topo_search.engine.workers import rounds
+from topo_search.engine.workers import start_ranges
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.topologies.own_topologies import own_topology
 
@@ -96,7 +96,7 @@ class OptunaSearch(Strategy):
         self._proposer = sampler_of(sampler, space, starts=starts, seed=seed, round_size=round_size)
         self._study = _new_study(sampler=self._proposer)
         self._journal = None if journal is None else _new_journal(journal)
-        self._stops = deque(part.stop for part in rounds(starts, starts, timed=timed))
+        self._stops = deque(part.stop for part in start_ranges(starts, starts, timed=timed))
         self._ladder = [*steps(starts, self._proposer.first_starts)]
         self._remaining = min(trials, space.count())
         self._batch = min(round_size, max(MIN_RESULTS, round_size // RESULT_DIVISOR))

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nlp.air.fastest import TARGET_SHARE, region_of
 from nlp.air.jets import JetConstants, SpeedRegion, jet_of
-from nlp.air.limits import TARGET_SHARE, region_of
 from nlp.numbers.kinematics import Indices
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array

@@ -9,13 +9,13 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-import nlp.air.rows
+import nlp.air.program_rows
 import nlp.bounds.branch.search
 import nlp.reduced.platform
 import nlp.starts.reduced_starts
 import verify.proof.check
+from topo_search.compiled_code import CACHE_DIR, is_cached, njit, refresh
 from topo_search.model import BadInput
-from topo_search.model.compiled_code import CACHE_DIR, is_cached, njit, refresh
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def test_what_was_made_from_other_sources_is_dropped(place):
 
 def test_all_rooms_of_compiled_code_are_marked():
     for module, function in (
-        (nlp.air.rows, nlp.air.rows.derive_speeds),
+        (nlp.air.program_rows, nlp.air.program_rows.derive_speeds),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.starts.reduced_starts, nlp.starts.reduced_starts.place_starts),
         (nlp.bounds.branch.search, nlp.bounds.branch.search.search),
@@ -69,7 +69,7 @@ def test_all_rooms_of_compiled_code_are_marked():
 
 
 SOURCE = """
-from topo_search.model.compiled_code import njit
+from topo_search.compiled_code import njit
 
 @njit(cache=True)
 def double(x):

@@ -11,9 +11,9 @@ from importlib.metadata import version
 import numpy as np
 
 from nlp.bounds import bound_of
-from nlp.corners import judge, solve_with_corners, without_corners
 from nlp.evaluation import correct
 from nlp.features import prove_impossible, pseudo_inverse_constraints
+from nlp.lazy_solve import judge, solve_lazily, without_corners
 from nlp.numbers.point import Point, weigh_rod
 from nlp.reduced import REDUCED_UP_TO, reason_against
 from nlp.requirements.rod import rod_of
@@ -23,7 +23,7 @@ from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Shortfall, SolverRecord, Task, Topology
 from topo_search.model.corners import to_corners
-from topo_search.protocols import OwnConstraint
+from topo_search.own_constraint import OwnConstraint
 
 UNTANGLED_STARTS = 24
 """Default number of starts per topology for the full Ipopt solver."""
@@ -217,7 +217,7 @@ class _Solve:
         unchanged = judge(task, start, point, "carried over", constraints)
         if not unchanged.worst.met:
             return []
-        polished = solve_with_corners(task, start, point, constraints)
+        polished = solve_lazily(task, start, point, constraints)
         # designs are judged without a margin, so one of a task with a smaller margin looks better than it is
         comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
         return [unchanged, polished] if comparable else [polished]
@@ -257,7 +257,7 @@ class _Solve:
         origins += [(s, draw) for s in self.starts]
         for s, sample in origins:
             origin = sample(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
-            results.append(solve_with_corners(task, s, origin, self.constraints, rounds=True))
+            results.append(solve_lazily(task, s, origin, self.constraints, far=True))
         return results
 
 

@@ -1,33 +1,4 @@
-r"""Air speed over regions: the jet model, and the points whose speeds become rows of a program.
-
-Lengths are in l_arm; s = depth / 2, in distances of opposite rotors.
-
-| symbol | meaning | shape | unit |
-|---|---|---|---|
-| v_q | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)) | | m/s |
-| s, r | depth below the module, distance from its axis | | 2 l_arm, l_arm |
-| z, r_q, d_q | depth in l_arm; distance from rotor q's axis; from its disc | | l_arm |
-| c, M | share and speed of the merged jets (Bauersfeld et al., arXiv 2403.13321) | | |
-| S_q | speed of a disc's own slipstream (momentum theory with a shear layer) over v_q | | |
-| delta, r_2 | half-width of its shear layer, its outer radius | | l_arm |
-| H_q | flow towards the discs | | |
-| D, s_0, b | `module.airflow.jet` | | |
-
-The square of a module's air speed is linear in its inputs:
-
-.. math::
-
-    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + \tfrac{c}{4} M^2,
-        \quad H_q = k_q \sum_p k_p, \quad k_q = (1 + \sqrt 2 d_q / R)^{-2} \\
-    M &= \frac{D}{s' + s_0} \big(1 + (\sqrt 2 - 1) \tfrac{r^2}{r_h^2}\big)^{-2},
-        \quad c = \tfrac{s - 1}{1.5} \in [0, 1], \quad s' = \max(s, 2.5), \quad r_h = 2 b (s' + s_0) \\
-    S_q &= g\,\tfrac{r_2 - r_q}{2 \delta}, \quad \tfrac{r_2 - r_q}{2 \delta} \in [0, 1],
-        \quad g = 1 + z / \sqrt{R^2 + z^2}, \quad \delta = 0.1 (z + R), \quad a = R^2 / g \\
-    r_2 &= \tfrac43 \delta + \sqrt{a - \tfrac29 \delta^2} \text{ if } a \ge \tfrac23 \delta^2,
-        \text{ else } (24 \delta^2 a)^{1/4}
-
-The slipstream carries g / 2 of its rotor's thrust as momentum, the rest is pressure. S_q is zero above the disc.
-The inflow is at least the sum of four sinks, and equal to it for equal rotors (Cauchy's inequality).
+"""Points of regions where air is fastest (`nlp.air.jets`), which become rows of a program.
 
 The air speed at a point is the sum over all modules. A program has rows for points of the region where air is
 fastest, added once a solve violates the limit there. Points of a ball move with a module, since otherwise the

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from nlp.air.limits import ALLOWED_SHARE, SpeedPoint, fastest
+from nlp.air.fastest import ALLOWED_SHARE, SpeedPoint, fastest
 from nlp.numbers.point import Point
 from nlp.rows import Violation
 from topo_search.model import ResolvedTask, Topology
 
 if TYPE_CHECKING:
-    from nlp.air.rows import SpeedRows
+    from nlp.air.program_rows import SpeedRows
     from nlp.assembled.problem import AssembledProblem
 
 FIRST_SHARE = 0.9
 """Share of its limit above which an air speed gets a row in the first program."""
-Points = tuple[SpeedPoint, ...]
+SpeedPoints = tuple[SpeedPoint, ...]
 
 
 class SpeedLimits:
@@ -29,7 +29,7 @@ class SpeedLimits:
         if all(exposure.speed is None for exposure in task.exposure):
             return ()
         from nlp.air.jets import climb
-        from nlp.air.rows import derive_speeds
+        from nlp.air.program_rows import derive_speeds
 
         return climb, derive_speeds
 
@@ -41,15 +41,15 @@ class SpeedLimits:
             excess = maximum.speed - ALLOWED_SHARE * maximum.limit
             yield Violation(name, excess, "m/s", excess / maximum.limit, to_add=maximum.points)
 
-    def select(self, origin: Point, *, everything: bool = False) -> Points | None:
+    def select(self, origin: Point, *, everything: bool = False) -> SpeedPoints | None:
         """Return the points of all speeds near their limits."""
         share = 0.0 if everything else FIRST_SHARE
         near_limits = [maximum for maximum in fastest(origin) if maximum.speed > share * maximum.limit]
         return tuple(sorted({point for maximum in near_limits for point in maximum.points})) or None
 
     def extend(
-        self, point: Point, violated: Sequence[Violation], selection: Points | None
-    ) -> tuple[Points | None, set[str]]:
+        self, point: Point, violated: Sequence[Violation], selection: SpeedPoints | None
+    ) -> tuple[SpeedPoints | None, set[str]]:
         """Return the points with those of violated limits added, and the names of these limits."""
         too_fast = [
             violation for violation in violated if isinstance(next(iter(violation.to_add), None), SpeedPoint)
@@ -58,9 +58,9 @@ class SpeedLimits:
         return tuple(sorted(points)) or None, {violation.name for violation in too_fast}
 
     def rows(
-        self, program: AssembledProblem, task: ResolvedTask, topology: Topology, selection: Points
+        self, program: AssembledProblem, task: ResolvedTask, topology: Topology, selection: SpeedPoints
     ) -> SpeedRows:
         """Return the rows of points."""
-        from nlp.air.rows import SpeedRows  # compiled code, which most tasks need not load
+        from nlp.air.program_rows import SpeedRows  # compiled code, which most tasks need not load
 
         return SpeedRows(program, task, selection)

@@ -27,7 +27,7 @@ from topo_search.model.corners import CorneredTask
 class LazyConstraints(NamedTuple):
     """Settings of adding corners and lazy rows to a program."""
 
-    rounds: int = 10
+    solves: int = 10
     """Largest number of solves, each with more rows than the one before."""
     at_once: int = 8
     """Largest number of corners added at once, no two of one set."""
@@ -41,8 +41,8 @@ def without_corners(task: ResolvedTask) -> ResolvedTask:
     return task.with_corners(()) if isinstance(task, CorneredTask) else task
 
 
-def solve_with_corners(
-    task: ResolvedTask, start: int, origin: Point, constraints: UserConstraints = (), *, rounds: bool = False
+def solve_lazily(
+    task: ResolvedTask, start: int, origin: Point, constraints: UserConstraints = (), *, far: bool = False
 ) -> StartResult:
     """Solve from a point, adding corners and lazy rows until none is violated.
 
@@ -51,15 +51,15 @@ def solve_with_corners(
         start: index of the start.
         origin: initial point, of the task with some of its corners.
         constraints: the user's constraints.
-        rounds: True if the origin is far from a minimum, so that rounds are needed; else one polish is enough.
+        far: True if the origin is far from a minimum, so that Ipopt runs in rounds; else one polish is enough.
     """
     from nlp.program import AssembledProgram  # compiled code, which other commands need not load
 
     point, iterations = origin, 0
     selections: Selections = {kind: kind.select(origin) for kind in LAZY_ROWS}
-    for _ in range(LAZY.rounds):
+    for _ in range(LAZY.solves):
         program = AssembledProgram(point.task, point.topology, constraints, selections)
-        result = program.solve(point) if rounds else program.polish(point)
+        result = program.solve(point) if far else program.polish(point)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, constraints)

@@ -17,14 +17,14 @@ import math
 import casadi as ca
 import numpy as np
 
+from nlp.air.fastest import TARGET_SHARE, SpeedPoint
 from nlp.air.jets import JETS, ROUNDED, JetConstants, curvature, find_factors, jet_of, point_of_ball, speed
-from nlp.air.limits import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
+from topo_search.compiled_code import njit
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 
 VECTORS = (FROM_TIP, X_I, Y_I, Z_I, LocalVector(PlatformVector("p", 1), TIP), Z_J)
 """y."""
