@@ -58,9 +58,9 @@ def _reading_path() -> str:
     rows = ["| file | |", "|---|---|"]
     for module in contract["source_modules"]:
         path = ROOT / module.replace(".", "/")
-        for file in sorted(path.glob("*.py")) or [path.with_suffix(".py")]:
-            docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-            rows.append(f"| `{file.relative_to(ROOT)}` | {docstring.partition(chr(10))[0]} |")
+        file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+        rows.append(f"| `{file.relative_to(ROOT)}` | {docstring.partition(chr(10))[0]} |")
     return "\n".join(rows)
 
 
