@@ -237,6 +237,28 @@ def test_every_module_is_core_or_a_feature() -> None:
     assert {module for module in modules if kinds[module] == {False}} <= sources  # one by one, for their order
 
 
+def imports_from(module: str) -> Iterator[tuple[str, str]]:
+    """Yield module and name of every import of a module."""
+    path = ROOT / module.replace(".", "/")
+    text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
+    froms = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
+    yield from ((node.module or "", alias.name) for node in froms for alias in node.names)
+
+
+def test_the_core_takes_what_features_define_from_their_lists() -> None:
+    contract = core_contract()
+    handed_on = {
+        (package, name)
+        for package in ("topo_search.model", "topo_search.engine", "topo_search.study", "topo_search.topologies")
+        for module, name in imports_from(package)
+        if module in contract["forbidden_modules"]
+    }
+    assert handed_on
+    assert {
+        module: both for module in contract["source_modules"] if (both := handed_on & {*imports_from(module)})
+    } == {}
+
+
 def test_the_core_can_be_read_by_one_person() -> None:
     lines = 0
     for module in core_contract()["source_modules"]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
-from topo_search.model import Assembly, Mount, Residual
+from topo_search.model import Mount, Residual
 from topo_search.model.clearance import Kind
+from topo_search.model.features import Assembly
 from verify.certificate import Certificate
 from verify.contacts import AnyCheck
 from verify.requirements import Scene

@@ -5,7 +5,7 @@ The core imports this list and, but for those that its contract in pyproject.tom
 
 from __future__ import annotations
 
-from topo_search.model.air import AirSpeeds
+from topo_search.model.air import AirSpeeds, FastAir
 from topo_search.model.assembly import Assembly
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
@@ -22,5 +22,6 @@ CORNER_SETS = (reserve_corners, failure_corners)
 
 __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly", "CasePower",
-    "Flight", "Goals", "Level", "MeshExcess", "Relaxed", "Sensitivity", "Tolerances", "audit_html", "design_html",
+    "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Relaxed", "Sensitivity", "Tolerances", "audit_html",
+    "design_html",
 ]  # fmt: skip

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.model import Audit, Design, FastAir, Level, Relaxed
+from topo_search.model import Audit, Design
+from topo_search.model.features import FastAir, Level, Relaxed
 from topo_search.model.proven import gap_percent
 from topo_search.study.ledger import Row
 from topo_search.study.pareto import FrontPoint, idle_goals

@@ -22,8 +22,9 @@ from pydantic import Field
 from topo_search.engine import Candidates, ListedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, Design, Level, ResolvedTask, Task
+from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
+from topo_search.model.features import Level
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
