@@ -25,7 +25,9 @@ from nlp import solve
 from nlp.refit import refit
 from topo_search.cli import main
 from topo_search.compose import searching
-from topo_search.compose.drawer import SharedKit, choose, count_kinds, growing_steps, share_brackets, shared_part
+from topo_search.compose.choosing import choose, count_kinds, shared_part
+from topo_search.compose.drawer import growing_steps, share_brackets
+from topo_search.compose.shared_kit import SharedKit
 from topo_search.engine import Job
 from topo_search.export import palette
 from topo_search.model import Design, Module, Topology

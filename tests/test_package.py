@@ -19,7 +19,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from topo_search.compose import binding
-from topo_search.compose.drawer import Change, SharedKit
+from topo_search.compose.shared_kit import Change, SharedKit
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
 from topo_search.model.files import read_json, to_json, to_toml
@@ -241,8 +241,8 @@ def imports_from(module: str) -> Iterator[tuple[str, str]]:
     """Yield module and name of every import of a module."""
     path = ROOT / module.replace(".", "/")
     text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8")
-    froms = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
-    yield from ((node.module or "", alias.name) for node in froms for alias in node.names)
+    nodes = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom))
+    yield from ((node.module or "", alias.name) for node in nodes for alias in node.names)
 
 
 def test_the_core_takes_what_features_define_from_their_lists() -> None:

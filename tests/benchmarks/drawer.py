@@ -16,7 +16,7 @@ import random
 import time
 from collections import Counter
 
-from topo_search.compose.drawer import choose, count_kinds
+from topo_search.compose.choosing import choose, count_kinds
 from topo_search.model import Design
 from topo_search.model.task_file import read_task
 from topo_search.topologies import sample

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from topo_search.compose.drawer import SharedKit
+from topo_search.compose.shared_kit import SharedKit
 from topo_search.export.allocation import Allocation
 from topo_search.model import Audit, Design, Task
 from topo_search.model.files import write_atomically
