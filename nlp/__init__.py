@@ -8,7 +8,8 @@ from nlp.bounds.branch.arrays import centre as proof_root
 from nlp.bounds.branch.proof import prepare as prepare_proof
 from nlp.bounds.branch.proof import prove_chunk
 from nlp.bounds.proofs import prove_impossible
-from nlp.solving import default_starts, local_optima, move_rod, prepare, solve
+from nlp.optima import local_optima
+from nlp.solving import default_starts, move_rod, prepare, solve
 from nlp.user_constraints import check_user_constraints, refuse_unusable, refuse_wrong_claims
 
 __all__ = [

@@ -29,8 +29,6 @@ UNTANGLED_STARTS = 24
 """Default number of starts per topology for the full Ipopt solver."""
 REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
 """Default number of starts of the reduced search, by upper limit of modules; see `tests/benchmarks/reduced.py`."""
-SAME_EFFORT = 1e-4
-"""Relative difference in effort below which two local optima count as one."""
 
 
 def default_starts(task: Task) -> int:
@@ -93,7 +91,7 @@ def solve(
     if proof := prove_impossible(task, topology):
         return proof
     solve_variant = partial(solve, topology=topology, starts=starts, seed=seed, near=near, constraints=constraints)
-    request = _Solve(task, topology, starts, seed, near, constraints)
+    request = Solve(task, topology, starts, seed, near, constraints)
     results = request.solve_starts()
     for k, source in enumerate(near):
         results[k] = _best([results[k], *request.adopt(source, results[k].start)])
@@ -110,49 +108,9 @@ def solve(
     return request.outcome(best, results)
 
 
-def local_optima(
-    task: ResolvedTask,
-    topology: Topology,
-    *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design] = (),
-    constraints: Sequence[OwnConstraint] = (),
-    most_effort: float,
-) -> list[Design]:
-    """Return the local optima of a topology that the starts reach, up to an effort, the best first.
-
-    Optima of equal effort count as one, which also merges symmetric copies.
-
-    Args:
-        task: same as in `solve`, like all arguments but the last.
-        topology: the tree of modules.
-        starts: indices of the starts to try.
-        seed: seeds the random starts.
-        near: designs to carry over.
-        constraints: the user's constraints beyond the task.
-        most_effort: largest effort of a returned design [rad^4/s^4].
-    """
-    request = _Solve(task, topology, starts, seed, near, constraints, most_effort)
-    results = request.solve_starts()
-    for k, source in enumerate(near):
-        results += request.adopt(source, -1 - k)
-    results = request.count_rods(results)
-    groups = list[list[StartResult]]()
-    for result in sorted(results, key=lambda result: result.rank):
-        if not result.worst.met or result.objective > most_effort:
-            continue
-        if groups and result.objective - groups[-1][0].objective <= SAME_EFFORT * result.objective:
-            groups[-1].append(result)
-        else:
-            groups.append([result])
-    outcomes = [request.outcome(group[0], group) for group in groups]
-    return [outcome for outcome in outcomes if isinstance(outcome, Design)]
-
-
 @dataclass(frozen=True)
-class _Solve:
-    """Arguments of `solve` and `local_optima`, and the steps they share."""
+class Solve:
+    """Arguments of `solve` and `nlp.local_optima`, and the steps they share."""
 
     task: ResolvedTask
     topology: Topology
