@@ -21,8 +21,9 @@ from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start
-from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Shortfall, SolverRecord, Task, Topology
+from topo_search.model import Design, Geometry, Infeasible, Mount, ResolvedTask, Task, Topology
 from topo_search.model.corners import to_corners
+from topo_search.model.design import Shortfall, SolverRecord
 from topo_search.own_constraint import OwnConstraint
 
 UNTANGLED_STARTS = 24
@@ -249,11 +250,23 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
 
 def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
     point, J = best.point, best.objective
-    bound = bound_of(point.task, J)
+    bound, K = bound_of(point.task, J), len(point.task.declared.load_cases)
+    inputs = point.u[:K].reshape(K, -1)  # without those of corners
+    return Design(
+        **dict(_geometry(point)),
+        rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
+        objective=J,
+        lower_bound=bound,
+        gap=Design.gap_of(J, bound),
+        stated=tuple(constraint.stated for constraint in constraints),
+        solver=record.model_dump(mode="json"),
+    )
+
+
+def _geometry(point: Point) -> Geometry:
     task = point.task.declared
     rod = task.end_effector.counted_rod
-    inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # without those of corners
-    return Design(
+    return Geometry(
         task=task,
         topology=point.topology,
         topology_key=point.topology.key,
@@ -261,12 +274,6 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
         hinge_angles_rad=tuple(point.alpha.tolist()),
         end_effector_m=_vector(point.tip),
         mount=rod and Mount(module=rod.module, port=rod.port),
-        rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
-        objective=J,
-        lower_bound=bound,
-        gap=Design.gap_of(J, bound),
-        stated=tuple(constraint.stated for constraint in constraints),
-        solver=record.model_dump(mode="json"),
     )
 
 
@@ -279,6 +286,7 @@ def _infeasible(results: Sequence[StartResult], best: StartResult, record: Solve
         violation=best.worst.amount,
         unit=best.worst.unit,
         message="",
+        closest=_geometry(best.point),
     )
     violations = (result.worst for result in results)
     shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in violations)

@@ -12,12 +12,15 @@ from nlp import solve
 from nlp.bounds.proofs import prove_impossible
 from nlp.bounds.reach import _displacements, _poses
 from nlp.evaluation import violations, worst
+from nlp.numbers.point import Point
 from nlp.reduced import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 
 DESIGNS = Path(__file__).parent / "designs"
 ROD = "reach of the end-effector's rod"
+ONE = Topology.from_key("a0")
 FOUR = Topology.from_key("a2300")
 CONE_OF_FORCES = {"axis": [1, 0, 0], "half_angle_deg": 20.0, "force": 5.0}
 
@@ -105,7 +108,7 @@ def test_the_rod_keeps_out_of_a_solid_path_beside_its_tip(starts):
 def test_what_keeps_every_connector_away_is_proven_and_named():
     for fields, field in (
         ({"end_effector": {"stand_off": 0.8, "largest_reach": 0.6}}, "end_effector.largest_reach"),
-        ({"exposure": [{**LOCAL, "radius": 20.0}], "end_effector": {"largest_reach": None}}, "exposure[0].radius"),
+        ({"exposure": [{**LOCAL, "radius": 20.0}], "end_effector": {"largest_reach": None}}, "exposure[0], a ball"),
         ({"end_effector": {"position": [3.0, 0.0, 0.0], "largest_reach": 0.5}}, "end_effector.position"),
     ):
         found = prove_impossible(push(3, **fields))
@@ -127,6 +130,74 @@ def test_no_proof_stands_against_a_platform_within_its_reach(seed):
         asked = hover(topology.n, end_effector={**place, "exclusion": False, "largest_reach": reach})
         found = prove_impossible(asked, topology)
         assert found is None or found.worst_constraint != ROD
+
+
+def random_region(rng, size):
+    """Any kind of region near the end-effector."""
+    points, normal = size * rng.normal(size=(6, 3)), rng.normal(size=3)
+    return [
+        {"kind": "local", "radius": size},
+        {"kind": "local", "box": (size * rng.uniform(0.3, 2.0, 3)).tolist()},
+        {"kind": "local", "vertices": (points + rng.choice([0.0, 2.0]) * points[0]).tolist()},
+        {"kind": "directional", "radius": size, "segments": points[:2].tolist()},
+        {"kind": "directional", "radius": size, "along": "end_effector", "length": size},
+        {"kind": "directional", "radius": size, "polylines": points[:4].reshape(2, 2, 3).tolist()},
+        {"kind": "exterior", "half_angle_deg": float(rng.uniform(10.0, 90.0)), "axis": normal.tolist()},
+        {"kind": "allowed", "planes": [{"normal": normal.tolist(), "offset": float(rng.uniform(-1.0, 0.3))}]},
+    ][rng.integers(8)]
+
+
+@pytest.mark.parametrize("seed", few(range(40), 4))
+def test_no_proof_stands_against_a_platform_whose_airflow_keeps_out(seed):
+    """Platforms and regions drawn at random: those that are clear ask for just the reach that they have."""
+    rng, clear, close = np.random.default_rng(seed), 0, 0
+    while clear < 5:
+        n, size = int(rng.integers(1, 4)), float(rng.uniform(0.02, 0.6))
+        air = {"spread_angle_deg": float(rng.uniform(0.0, 20.0)), "reach": float(rng.uniform(0.1, 1.0))}
+        fields = {"module": {"airflow": air}, "exposure": [random_region(rng, size)]}
+        topology = random_tree(n, rng, aligned=True)
+        point = random_point(hover(n, **fields), topology, rng)
+        if any(check.amount > 0 for check in violations(point) if check.name.startswith("exposure")):
+            continue
+        R, p = point.poses
+        connectors = [p[i] + 0.15 * R[i] @ PORT_DIRECTIONS[port] for i, port in topology.free_connectors]
+        clear, reach = clear + 1, float(np.linalg.norm(connectors - point.tip, axis=1).min())
+        for share in (1 + 1e-9, 0.1):
+            asked = {"exclusion": False, "largest_reach": share * reach}
+            found = prove_impossible(hover(n, **fields, end_effector=asked), topology)
+            refuted = found is not None and found.worst_constraint == ROD
+            assert not refuted or share < 1
+            close += refuted
+    assert close  # of a tenth of the reach some are
+
+
+@pytest.mark.parametrize(
+    ("region", "size"),
+    [
+        ({"kind": "local", "radius": 0.4}, 0.4),
+        ({"kind": "local", "box": [0.8, 1.0, 1.2]}, 0.4),
+        ({"kind": "directional", "radius": 0.4, "segments": [[0.0, 0.0, 0.3]]}, 0.4),
+        ({"kind": "directional", "radius": 0.4, "polylines": [[[0.2, 0.0, 0.1], [0.2, 0.0, -0.4]]]}, 0.2),
+        ({"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0], "offset": -0.4}]}, 0.4),
+    ],
+)
+def test_the_proof_about_a_region_is_sharp(region, size):
+    """One module beside a region that a jet of its envelope's width at the module just clears."""
+    task = hover(1, module={"airflow": {"spread_angle_deg": 0.0}}, exposure=[region])
+    r, l_c = task.module.region_envelope.start_radius, task.module.connector_distance
+    for beyond in (1e-5, -1e-5):
+        reach = size + r - l_c + beyond
+        asked = hover(
+            1,
+            module={"airflow": {"spread_angle_deg": 0.0}},
+            exposure=[region],
+            end_effector={"largest_reach": reach},
+        )
+        found, drawn = prove_impossible(asked), random_point(asked, ONE, np.random.default_rng(0))
+        assert (found is None) == (beyond > 0)
+        point = Point(asked, ONE, np.zeros(3), drawn.alpha, np.array([l_c + reach, 0.0, 0.0]), drawn.u)
+        gaps = [-check.amount for check in violations(point) if check.name.startswith("exposure")]
+        assert min(gaps) == pytest.approx(beyond, rel=1e-3)
 
 
 def test_the_proof_is_sharp():

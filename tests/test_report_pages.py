@@ -17,6 +17,7 @@ import nlp
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.engine import Job
+from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json
 from topo_search.model.proven import gap_percent
@@ -64,19 +65,39 @@ def test_only_several_audited_designs_have_a_plot_to_choose_from(tmp_path):
 def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = Reader(toy_page(tmp_path / "run"))
-    assert "No design was found for toy: with 3 modules, no start of" in page.text
+    assert "toy: no design with 3 modules" in page.text
+    assert "No design was found for toy. 3 modules: no start of" in page.text
     with RunFolder.load(tmp_path / "run") as folder:
         closest = min(folder.ledger.ranking(3), key=lambda row: row.violation)
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
     assert "`" in reason.message
     assert "`" not in page.text
     assert " ".join(reason.message.replace("`", " ").split()) in page.text
-    assert "view-data" not in page.data
-    assert "Why trees have no design" in page.text
+    assert f"The nearest miss: {closest.key}, 3 modules" in page.text
+    assert json.loads(page.data["view-data"])["parts"]
+    assert (
+        page.text.index("What would help") < page.text.index("The nearest miss") < page.text.index("What was tried")
+    )
     (words,) = json.loads(page.data["progress-3-data"])["layout"]["annotations"]
     assert words["text"] == "no solve has found a design"
     statuses = {row[6] for row in json.loads(page.data["ranking-data"])["rows"]}
     assert statuses == {"infeasible"}
+    assert (tmp_path / "run" / "closest.json").exists()
+    monkeypatch.delenv("TOY_NONE")
+    assert "The nearest miss" not in Reader(toy_page(tmp_path / "run", starts=4)).text
+    assert not (tmp_path / "run" / "closest.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "title"),
+    [((2, 3), "toy: no design with 2 or 3 modules"), ((1, 3), "toy: no design with 1 to 3 modules")],
+)
+def test_the_title_without_a_design_names_the_sizes(tmp_path, monkeypatch, sizes, title):
+    monkeypatch.setenv("TOY_NONE", "*")
+    text = Reader(toy_page(tmp_path / "run", modules=sizes)).text
+    assert title in text
+    assert all(f"{quantity(n, 'module')}: no start of" in text for n in range(sizes[0], sizes[1] + 1))
+    assert "no design yet with" in Reader(toy_page(tmp_path / "stopped", modules=sizes, time_limit=1e-9)).text
 
 
 @pytest.mark.parametrize(

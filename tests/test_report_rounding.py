@@ -189,8 +189,8 @@ def test_what_is_enough_is_not_rounded_to_what_is_not():
         one = Relaxation(
             topology_key="a300", limit="", change="", field="module.mass", share=0.1, given=9 * x, enough=x
         )
-        check(one.setting.split("->")[1], least=x)
-        check(one.model_copy(update={"given": x / 9}).setting.split("->")[1], most=x)
+        check(one.words.split(" to ")[1], least=x)
+        check(one.model_copy(update={"given": x / 9}).words.split(" to ")[1], most=x)
 
 
 def test_reasons_why_nothing_can_do_a_task():

@@ -6,7 +6,7 @@ from report_cases import design as random_design
 from scipy.spatial import ConvexHull
 from verify_cases import design, fan
 
-from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
+from topo_search.model import Audit, Design, LoadCase, Status, Topology, Wrench
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
@@ -45,6 +45,24 @@ def test_a_figure_has_the_parts_of_the_page(audited: tuple[Design, Audit]) -> No
     (frames,) = (trace for trace in drawn if trace.name == "modules")
     corners = [shared["modules"].vertices @ R.T + p for R, p in zip(at.R, at.p, strict=True)]
     np.testing.assert_allclose(np.column_stack([frames.x, frames.y, frames.z]), np.concatenate(corners), atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["local", "airflow", "part-region"])
+def test_of_a_violated_pair_both_volumes_stand_out(kind: str) -> None:
+    """Airflow that enters the ball, other airflow, or a rotor in the wall."""
+    made = random_design(Topology.from_key("a300"), "wall-push", end_effector_m=[0.1, 0.0, 0.0])
+    found = audit(made)
+    worst = min((pair for pair in found.pairs if pair.kind == kind), key=lambda pair: pair.analytic_m)
+    assert worst.status == Status.VIOLATED
+    parts = list(scene(made, platform(made), worst))
+    marked = [part for part in parts if part.kind == "violated"]
+    assert {part.name for part in marked} == {"violated pair"}
+    modules = [module for part in marked if part.mesh == "airflow" for module in part.modules]
+    assert modules == {"local": [worst.a], "airflow": [worst.a, worst.b], "part-region": []}[kind]
+    regions = {part.kind for part in parts} & {"regions", "walls"}
+    assert regions == {"local": {"walls"}, "airflow": {"regions", "walls"}, "part-region": {"regions"}}[kind]
+    assert "closest" not in {part.kind for part in parts}
+    assert len(figure(made, platform(made), worst, None).data) == len(parts)
 
 
 def test_joints_meet_where_two_modules_are_bolted_together(audited: tuple[Design, Audit]) -> None:

@@ -1,6 +1,7 @@
 """Why there is no design: the limits that are named, relaxed as little as is said, do give the tree one."""
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -103,8 +104,17 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
             {"kind": "directional", "along": "end_effector", "length": 0.3, "radius": 0.1},
             {"kind": "exterior", "half_angle_deg": 60.0},
             {"kind": "local", "box": [0.1, 0.2, 0.3]},
+            {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}, {"normal": [0, 0, 1], "offset": -0.2}]},
+            {
+                "kind": "allowed",
+                "planes": [{"normal": [1, 0, 0]}, {"normal": [0, 1, 0], "offset": 0.3}],
+                "solid": True,
+            },
+            {"kind": "exterior", "solid": True},
+            {"kind": "local", "radius": 0.02, "solid": True},
         ],
-        end_effector={"stand_off": 0.4},
+        end_effector={"stand_off": 0.4, "mass": 0.1},
+        tolerances={"hinge_angle_deg": 0.3, "position": 0.001},
         search={"peak_input": 0.8, "root": "paper"},
         module={"joint_moment": 2.0},
         flight={
@@ -124,11 +134,15 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         *("exposure[2].half_angle_deg", "flight.joint_force", "flight.joint_moment"),
     }
     smaller = {
-        *("exposure[0].radius", "exposure[1].radius", "end_effector.stand_off"),
+        *("exposure[0].radius", "exposure[1].radius", "end_effector.stand_off", "end_effector.mass"),
+        *("tolerances.hinge_angle_deg", "tolerances.position"),
         *(f"flight.{name}" for name in ("force_reserve", "torque_reserve", "tilt_deg", "com_error")),
     }
-    others = {"flight.angular_acceleration", "exposure[3].box", 'search.root = "free"', "load_cases"}
-    assert set(limits) == larger | smaller | others
+    others = {
+        *("flight.angular_acceleration", "exposure[3].box", 'search.root = "free"'),
+        *("exposure[4].planes[0, 1].offset", "exposure[5].planes[1].offset", "load_cases[0].end_effector.force"),
+    }
+    assert set(limits) == larger | smaller | others  # walls and objects, which the tip touches, are not among them
     for field, limit in limits.items():
         changed = limit.relaxed(limit.shares[-1])
         assert type(task).model_validate(changed.model_dump())  # it is a valid task
@@ -138,7 +152,15 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
     assert limits["flight.joint_moment"].value(task) == 2.0
     assert limits["flight.joint_moment"].relaxed(0.5).joint_limits == (30.0, 3.0)
     assert limits["flight.angular_acceleration"].relaxed(0.5).flight.angular_acceleration == (2.0, 0.0, 1.0)
-    assert limits["load_cases"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover stays
+    assert limits["load_cases[0].end_effector.force"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover
+    room = limits["exposure[5].planes[1].offset"]
+    assert [plane.offset for plane in room.relaxed(0.1).exposure[5].planes] == [
+        0.0,
+        room.value(room.relaxed(0.1))[0],
+    ]
+    (setting,) = limits["exposure[4].planes[0, 1].offset"].settings(0.1)
+    assert setting.given == (0.0, -0.2)
+    assert setting.words.startswith("exposure[4].planes[0, 1].offset [0, -0.2] to [0.")
 
 
 @pytest.mark.parametrize(("reach", "last"), [(0.5, 0.4), (0.05, 0.04), (0.01, None)])
@@ -170,7 +192,9 @@ def test_the_number_of_solves_is_bounded_whatever_comes_of_them(monkeypatch, hel
     assert engine.jobs <= RELAXING.trees * limits * 5
     assert bool(found.relaxations) is helps
     if not helps:
-        assert engine.jobs == RELAXING.trees * limits  # what does not help at its most is not tried with less
+        pairs = math.comb(RELAXING.paired, 2)
+        assert engine.jobs == RELAXING.trees * (limits + pairs)  # what does not help at its most: not with less
+        assert 0 < found.pairs <= RELAXING.trees * pairs
         assert len(found.in_vain) == limits
 
 
@@ -214,8 +238,9 @@ def test_only_what_was_tried_is_said_to_be_in_vain(monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     engine = Failing(lambda job: job[2].task.module.connector_distance > 0.2)
     _, found = toy_relaxed(engine=engine)
-    in_vain, untried = found.sentences
-    assert says(in_vain, "no single limit", "a300", "2 starts", "rotor limits")
+    nothing, in_vain, untried = found.sentences
+    assert says(nothing, "no single limit", "a300", "2 starts", "nor did any of 5 pairs")
+    assert "rotor limits" in in_vain
     assert "connectors" not in in_vain
     assert says(untried, "could not be tried", "longer connectors")
 
@@ -240,7 +265,7 @@ def test_what_passes_its_audit_with_a_larger_margin_is_advised_as_a_run_would_fi
     monkeypatch.setenv("TOY_MARGIN", "1e-3")
     _, found = toy_relaxed()
     assert found.relaxations
-    assert says(found.sentences[0], "2 starts", "audit is clear")
+    assert says(found.sentences[0], "2 starts", "clear audit")
 
 
 def test_a_tighter_reach_leads_to_a_design_of_the_task_as_it_is():
@@ -265,8 +290,30 @@ def test_a_tighter_reach_is_named_before_what_takes_from_the_task(monkeypatch):
         Task.model_validate(user_task(**fields)), "a300", backends=replace(toy_problem.BACKENDS, solve=solve)
     )
     first, second = found.sentences
-    assert says(first, "try first", "15 % less reach", "1 -> 0.85 m", "the design also satisfies the original task")
-    assert says(second, "or rotor limits", "1 % more thrust")
+    assert says(first, "try first", "1 to 0.85 m", "15 % less reach", "the design also satisfies the original task")
+    assert says(second, "or module.max_thrust_to_weight 2.5 to 2.525", "1 % more thrust")
+
+
+def test_pairs_are_tried_where_no_limit_suffices_alone(monkeypatch):
+    """With twice the thrust or half the weight at the tip there is none; with some of both there is."""
+
+    def solve(job):
+        thrust, mass = job.task.module.max_thrust_to_weight / 2.5, job.task.end_effector.mass / 0.1
+        if thrust < 1.2 or mass > 0.75:
+            violation = 2.0 - thrust + mass
+            return toy_problem.infeasible(job.topology, violation=violation, unit="")
+        return toy_problem.solve(job)
+
+    fields = {"module": {"max_thrust_to_weight": 2.5}, "end_effector": {"mass": 0.1}}
+    task = Task.model_validate(user_task(**fields))
+    found = relaxed_limits(task, "a300", backends=replace(toy_problem.BACKENDS, solve=solve))
+    (pair,) = found.relaxations
+    assert {setting.field: setting.share for setting in (pair, *pair.also)} == {
+        "module.max_thrust_to_weight": 0.3,
+        "end_effector.mass": 0.3,
+    }
+    assert pair.not_enough == 0.2
+    assert says(found.sentences[0], "relax both first", "2.5 to 3.25", " and ", "0.1 to 0.07 kg")
 
 
 def test_a_run_whose_candidates_all_fail_claims_nothing(tmp_path):

@@ -25,6 +25,7 @@ from topo_search.engine import WAIT, Backends, CallingProcess, DaskWorkers, Engi
 from topo_search.model import (
     Audit,
     Design,
+    Geometry,
     Infeasible,
     LoadCase,
     ResolvedTask,
@@ -81,6 +82,14 @@ def solve(job: Job) -> Design | Infeasible:
         time.sleep(0.1)
     time.sleep(float(os.environ.get("TOY_SLEEP", "0")))
     feasible = not _told("TOY_NONE", key)
+    platform = {
+        "task": task,
+        "topology": topology,
+        "topology_key": key,
+        "root_orientation_rad": (0.0, 0.0, 0.0),
+        "hinge_angles_rad": (0.0,) * (topology.n - 1),
+        "end_effector_m": (0.0, 0.0, 1.0),
+    }
     starts = starts or range(-len(near), 0)  # designs alone stand for starts, beside others they bring nothing
     best = min(starts, key=lambda s: (value(key, s, seed, margin), s))
     record = SolverRecord(
@@ -102,16 +111,12 @@ def solve(job: Job) -> Design | Infeasible:
             for s in starts
         }
         name, amount = missed[best].constraint, missed[best].violation
-        return infeasible(topology, worst_constraint=name, violation=amount).with_starts(missed.values(), record)
+        missed_most = {"worst_constraint": name, "violation": amount, "closest": Geometry(**platform)}
+        return infeasible(topology, **missed_most).with_starts(missed.values(), record)
     objective = value(key, best, seed, margin)
     input_ = math.sqrt(objective / (4 * topology.n * sum(case.weight for case in task.load_cases)))
     return Design(
-        task=task,
-        topology=topology,
-        topology_key=key,
-        root_orientation_rad=(0.0, 0.0, 0.0),
-        hinge_angles_rad=(0.0,) * (topology.n - 1),
-        end_effector_m=(0.0, 0.0, 1.0),
+        **platform,
         rotor_speeds_squared=((input_,) * (4 * topology.n),) * len(task.load_cases),
         objective=objective,
         lower_bound=BOUND,

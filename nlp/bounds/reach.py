@@ -7,6 +7,13 @@
 | B | centre of mass of modules and joints; a fixed end-effector is at m_t / (m_t - m_E) p_E from it | |
 | q | least distance of p_E from the centroid of the modules' centres; joints shift B slightly from it | m |
 | d_ij | joints between the modules i and j | |
+| r | radius of the airflow's envelope at the module's centre | m |
+| rho | radius of the ball around p_E in a region that airflow stays out of; minus its distance from p_E | m |
+| h | distance of p_E from a half-space that airflow stays in; negative inside | m |
+| theta | half-angle of a cone with its apex at p_E that airflow stays in | rad |
+
+The ball of radius r around a centre stays out of a region, or inside a cone: d is at least rho + r, h + r or
+r / sin(theta).
 
 A connector is l_c from a centre, so at least d - l_c from p_E. A centre is at most (1/n) sum_j 2 l_c d_ij
 <= (n - 1) l_c from the centroid, so a connector is at least q - n l_c from a fixed p_E.
@@ -42,7 +49,7 @@ from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
-from topo_search.model.shape import Capsule
+from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope, Shape, convex_hull
 
 
 class PathSearch(NamedTuple):
@@ -205,17 +212,32 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
         distances.append(
             (distance - l_c, f"every module's centre keeps {lower_text(distance)} m from the end-effector")
         )
-    envelope_radius = task.module.region_envelope.start_radius
     for e, exposure in enumerate(task.exposure):
         for shape in exposure.shapes if exposure.geometry else ():
-            if isinstance(shape, Capsule) and shape == Capsule(shape.radius):
-                reason = f"exposure[{e}].radius = {lower_text(shape.radius)} m keeps every module's airflow off"
-                distances.append((shape.radius + envelope_radius - l_c, reason))
+            distance = _kept_off(shape, task.module.region_envelope.start_radius)
+            reason = f"exposure[{e}], {exposure.words}, keeps every module's centre {lower_text(distance)} m off"
+            distances.append((distance - l_c, reason))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
         q = task.total_mass(n) / bodies_mass(task) * p_E - centre_offset(task)
         distances.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
     return distances
+
+
+def _kept_off(shape: Shape, r: float) -> float:
+    """Return a lower bound on the distance of a module's centre from p_E, for an envelope of radius r there [m]."""
+    if isinstance(shape, Cone):
+        if shape.half_angle_deg < 90:
+            return r / math.sin(math.radians(shape.half_angle_deg)) if shape.apex == NOWHERE else 0.0
+        return r + float(np.dot(shape.axis or NOWHERE, shape.apex))
+    if isinstance(shape, Polytope):
+        inside = float(convex_hull(np.array(shape.corners)).offsets.min())
+        return r + inside if inside > 0 else 0.0
+    if isinstance(shape, Capsule):
+        start, path = np.array(shape.start), np.subtract(shape.end, shape.start)
+        share = np.clip(-(start @ path) / (path @ path), 0.0, 1.0) if path.any() else 0.0
+        return r + shape.radius - float(np.linalg.norm(start + share * path))
+    return 0.0
 
 
 def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:

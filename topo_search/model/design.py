@@ -341,8 +341,10 @@ class Infeasible(Value):
     """Largest violations of all starts by constraint, the most frequent first; empty for a proof."""
     solver: SolverRecord | None = None
     """Solver record of the least violated start; None for a proof."""
+    closest: Omitted[Geometry] = None
+    """Platform of the least violated start; None for a proof, and in older files."""
     relaxed: Omitted[Relaxed] = None
-    """Limits that make the tree feasible if relaxed one at a time; None if that was not requested."""
+    """Limits that make the tree feasible if relaxed; None if that was not requested."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return a copy for the least violated of several starts, with the shortfalls of all."""

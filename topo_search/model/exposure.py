@@ -71,12 +71,8 @@ Solid = Annotated[Flag, OMIT_EMPTY]
 """True if a region is a solid object, such as a wall, so that rigid parts must stay out of it too."""
 
 
-RelaxableField = tuple[str, float, str, str]
-"""Field that can be relaxed: name, largest share (negative: the value shrinks), change in words, unit."""
-
-
 class Region(Value):
-    """Fields that all regions share; each kind also has `words`, `shapes` and `relaxable` fields."""
+    """Fields that all regions share; each kind also has `words` and `shapes`."""
 
     speed: Omitted[Positive] = None
     """Largest allowed air speed in the region, in every load case, by the jet model [m/s]."""
@@ -171,12 +167,6 @@ class Local(Region):
         beyond = max(self.mesh_excess or (0.0,))
         return hulls + (f", up to {length(proven.at_most(beyond, 3))} larger than the mesh" if beyond else "")
 
-    @property
-    def relaxable(self) -> tuple[RelaxableField, ...]:
-        """Size of the region."""
-        regions = ((name, -1.0, "smaller region", "") for name in ("box", "vertices", "pieces"))
-        return (("radius", -1.0, "smaller radius", "m"), *regions)
-
     def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
         """See `Region.mesh_excesses`."""
         excesses = enumerate(self.mesh_excess or ())
@@ -253,11 +243,6 @@ class Directional(Region):
         return f"capsules of radius {length(self.radius)} along {path}"
 
     @property
-    def relaxable(self) -> tuple[RelaxableField, ...]:
-        """Radius of the capsules."""
-        return (("radius", -1.0, "smaller radius", "m"),)
-
-    @property
     def shapes(self) -> tuple[Shape, ...]:
         """One capsule per straight piece; its index is the `segment` in audits."""
         if self.length is not None:
@@ -285,11 +270,6 @@ class Exterior(UnboundedRegion):
             f"everything outside a cone of half-angle {figures(self.half_angle_deg)}° with its apex at the "
             f"end-effector and its axis {axis}"
         )
-
-    @property
-    def relaxable(self) -> tuple[RelaxableField, ...]:
-        """Half-angle of the cone, up to a half-space."""
-        return (("half_angle_deg", min(1.0, 90 / self.half_angle_deg - 1), "wider cone", "deg"),)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -337,11 +317,6 @@ class Allowed(UnboundedRegion):
         """The region in words."""
         sides = (f"{vector(plane.normal)} · x ≤ {length(plane.offset)}" for plane in self.planes)
         return f"everything except where {' and '.join(sides)}, with x from the end-effector"
-
-    @property
-    def relaxable(self) -> tuple[RelaxableField, ...]:
-        """Planes, which move outwards."""
-        return (("planes", 1.0, "of the airflow's length as extra room", ""),)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

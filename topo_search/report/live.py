@@ -91,7 +91,11 @@ class Live:
         try:
             with RunFolder.load(self._path) as folder:
                 page = run_page(folder)
-            return render(page if page["key"] is not None else {**page, "answer": "No design has been found yet."})
+            return render(
+                page
+                if page["key"] is not None
+                else {**page, "answer": "No design has been found yet.", "sizes": ()}
+            )
         except (BadInput, OSError, sqlite3.Error) as error:  # the folder is incomplete or deleted
             why = type(error).__name__
             return f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {why}."

@@ -44,9 +44,12 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    absent = dict.fromkeys(("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared"))
-    page = {**absent, "simulated": None, "notes": (), **page}
+    absent = dict.fromkeys(
+        ("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared", "miss")
+    )
+    page = {**absent, "simulated": None, "notes": (), "sizes": (), "advice": (), **page}
     design, audit = page["design"], page["audit"]
+    pictured, judged = (design, audit) if page["miss"] is None else (page["miss"]["design"], page["miss"]["audit"])
     # in order of execution
     scripts = ("figures", "labels", "stage", "air", "view", "comparison", "choice", "ranking", "page")
     environment.filters |= {"json": lambda value: Markup(json_in_script(value)), "code": mark_code}
@@ -54,7 +57,10 @@ def render(page: dict[str, Any]) -> str:
         page=page,
         design=design,
         audit=audit,
-        drawn=None if design is None else view(design, poses_to_draw(design), audit, forces=True),
+        pictured=pictured,
+        drawn=None
+        if pictured is None
+        else view(pictured, poses_to_draw(pictured), judged, forces=pictured is design),
         # modules and functions that the template calls
         charts=charts,
         design_part=design_part,

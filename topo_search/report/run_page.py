@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
+from itertools import groupby, islice
 from typing import Any
 
-from topo_search.model import Infeasible
+import verify
+from topo_search.export.audits import broken_lines
+from topo_search.export.poses import poses_to_draw
+from topo_search.model import Audit, BadInput, Geometry, Infeasible
 from topo_search.model.proven import NOT_CERTIFIED, at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
@@ -64,9 +67,16 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
         tiles = (*headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None),)
     return {
-        "title": f"{request.task.name}: {modules(n)}",
+        "title": f"{request.task.name}: {modules(n) if shown else _no_design(answer)}",
         "key": shown.key if shown else None,
         "answer": _answer(answer, request.task.name, shown, size),
+        "sizes": () if shown else tuple(f"{modules(size.modules)}: {size.reason}." for size in answer.sizes),
+        "advice": tuple(
+            f"{modules(size.modules)}: {advice}."
+            for size in answer.sizes
+            for advice in (size.relaxed.advice if size.relaxed else ())
+        ),
+        "miss": None if shown else _miss(folder),
         "tiles": tiles,
         "notes": (
             *_user_inputs(request.user_inputs),
@@ -86,11 +96,33 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     }
 
 
+def _no_design(answer: Answer) -> str:
+    """Return that there is no design, with the sizes that were asked for."""
+    yet = "" if answer.complete else " yet"
+    first, *others = (size.modules for size in answer.sizes)
+    if not others:
+        return f"no design{yet} with {modules(first)}"
+    return f"no design{yet} with {first} {'to' if len(others) > 1 else 'or'} {modules(others[-1])}"
+
+
+def _miss(folder: RunFolder) -> dict[str, Any] | None:
+    """Return the platform that came closest to a design, with what it misses; None if it cannot be drawn."""
+    closest = folder.read_file(RunFile.CLOSEST, Geometry)
+    audit = folder.read_file(RunFile.CLOSEST_AUDIT, Audit)
+    if closest is None or audit is None:
+        return None
+    design, most = verify.complete(closest), 8  # lines
+    try:
+        poses_to_draw(design)
+    except BadInput:  # its end-effector is too far away
+        return None
+    return {"design": design, "audit": audit, "lines": tuple(islice(broken_lines(audit), most))}
+
+
 def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> str:
     """Return the answer in one sentence."""
     if shown is None:
-        reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
-        return f"No design was found for {name}: {reasons}."
+        return f"No design was found for {name}."
     if answer.best is None:
         return f"No design found for {name} passed its audit; {shown.key} needs the least control effort."
     if answer.levels:
@@ -114,8 +146,6 @@ def _size_notes(size: SizeAnswer, shown: Row | None) -> list[str]:
     sentences = []
     if size.statement is not None and size.best is not None and size.best != shown:
         sentences.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
-    if size.relaxed is not None and size.relaxed.sentences:
-        sentences.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
     if not size.complete:
         reached = f" after {quantity(size.starts, 'start')} per candidate" if size.starts else ""
         sentences.append(
@@ -298,21 +328,19 @@ def _levels(answer: Answer) -> Table:
 
 
 def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
-    """Return the limits that can be relaxed for a size without a design; None if nothing was tried."""
+    """Return the limits that were relaxed for a size without a design; None if nothing was tried."""
     relaxed = size.relaxed
     if relaxed is None or not relaxed.sentences:
         return None
     rows = [
         [
-            relaxation.limit,
-            relaxation.change,
-            relaxation.setting,
-            relaxation.topology_key,
+            relaxation.settings,
+            f"design of {relaxation.topology_key}",
             "" if relaxation.not_enough is None else f"{100 * relaxation.not_enough:.3g} %",
         ]
         for relaxation in relaxed.relaxations
     ]
-    rows += [[text, "none found", "", "", ""] for text in relaxed.in_vain]
-    rows += [[text, "could not be tried", "", "", ""] for text in relaxed.untried]
-    caption = f"{modules(size.modules)}: the task's limits, each relaxed separately and solved again; not a proof"
-    return caption, Table(("limit", "sufficient change", "setting", "tree", "insufficient"), rows)
+    rows += [[text, "none found", ""] for text in relaxed.in_vain]
+    rows += [[text, "could not be tried", ""] for text in relaxed.untried]
+    caption = f"{modules(size.modules)}: the task's limits, relaxed and solved again; not a proof"
+    return caption, Table(("change", "result", "insufficient"), rows)

@@ -13,8 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from topo_search.export import palette, solids
 from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
 from topo_search.export.solids import cylinder, join
-from topo_search.model import Assembly, Audit, Clearance, Design
+from topo_search.model import Assembly, Audit, Clearance, Design, Status
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
 from topo_search.model.module import Module
 from topo_search.report.wording import clearance
@@ -28,6 +29,10 @@ TURN = math.radians(300)
 NUMBERED = 30
 """Largest number of modules that are numbered in the picture; in larger ones only tooltips show the number."""
 UP = np.array([0.0, 0.0, 1.0])
+VIOLATED = "violated pair"
+"""Name in the legend of the volumes and the region of a violated pair."""
+IN_REGION = (*EXPOSURE_KINDS, "part-region", "rod-region")
+"""Kinds of pairs of which one volume is a region."""
 SPINS = {-1.0: "counter-clockwise rotors", 1.0: "clockwise rotors"}
 """Spin of rotors seen from above, by the sign of their drag torque, which opposes it."""
 
@@ -64,8 +69,9 @@ def scene(
         assembly: the connector that holds the rod, and blocked connectors; None without an audit.
     """
     every = list(range(design.topology.n))
+    violated = nearest if nearest is not None and nearest.status is Status.VIOLATED else None
     yield Part("airflow", "airflow", palette.AIRFLOW, "airflow", every, every, 0.2)
-    yield from _regions(design, poses)
+    yield from _regions(design, poses, violated)
     yield Part("modules", "modules", palette.MODULE, "modules", every, every)
     for q in range(len(ROTOR_SPINS)):
         yield Part("rotors", "rotors", palette.ROTOR, f"rotor {q}", every, every, 0.6)
@@ -78,7 +84,20 @@ def scene(
         start, end = np.array(nearest.closest_m)
         r = 0.08 * design.task.module.arm_length
         mark = join([tube(start, end, r / 4), ball(start, r), ball(end, r)])
-        yield Part("closest", "closest pair", palette.CLOSEST_PAIR, mark)
+        if violated is None:
+            yield Part("closest", "closest pair", palette.CLOSEST_PAIR, mark)
+        else:
+            air = _airflow_of(violated)
+            yield Part("violated", VIOLATED, palette.NOT_CLEAR, mark)
+            if air:
+                yield Part("violated", VIOLATED, palette.NOT_CLEAR, "airflow", air, air, 0.4)
+
+
+def _airflow_of(pair: Clearance) -> list[int]:
+    """Return the modules whose airflow is one of a pair's volumes."""
+    if pair.kind in EXPOSURE_KINDS:
+        return [pair.a]
+    return {"airflow": [pair.a, pair.b]}.get(pair.kind, [pair.b] if pair.kind.endswith("-airflow") else [])
 
 
 def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
@@ -122,7 +141,8 @@ def closest(audit: Audit | None) -> Clearance | None:
 def closest_words(nearest: Clearance) -> str:
     """Return the smallest clearance in words."""
     spare = " beyond the required distance" if nearest.kind in ("separation", "exclusion") else ""
-    return f"The closest pair: {clearance(nearest)}{spare}, {nearest.name}."
+    which = "violated" if nearest.status is Status.VIOLATED else "closest"
+    return f"The {which} pair: {clearance(nearest)}{spare}, {nearest.name}."
 
 
 def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
@@ -161,33 +181,34 @@ def sides(n: int) -> int:
     return 24 if n <= NUMBERED else 12
 
 
-def _regions(design: Design, poses: Platform) -> Iterator[Part]:
-    """Yield the exposure regions: solid objects, keep-out regions, and cones that must contain all airflow."""
-    groups: dict[tuple[str, str, float], list[Mesh]] = {}
+def _regions(design: Design, poses: Platform, violated: Clearance | None) -> Iterator[Part]:
+    """Yield the exposure regions: solid objects, keep-out regions, cones that must contain all airflow."""
+    in_the_way = violated.b if violated is not None and violated.kind in IN_REGION else None
+    looks: dict[tuple[str, str, str, float], list[Mesh]] = {}
     for number, shape in shapes(design.task, poses.p_e):
-        solid = design.task.exposure[number].solid
-        half_spaces = shape.half_spaces()
+        solid, half_spaces = design.task.exposure[number].solid, shape.half_spaces()
+        surface, colour = shape.mesh(cone_slant(design, poses)), palette.EXPOSURE
         if solid and len(half_spaces) == 1:
-            yield _wall(*half_spaces[0], poses)
-            continue
-        surface = shape.mesh(cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
-        if shape.contains_airflow:
-            look = "cones", shape.words, 0.15
+            surface, colour = _wall(*half_spaces[0], poses), palette.WALL
+            kind, words, opacity = "walls", "ground" if half_spaces[0][1] @ UP > 0.9 else "wall", 0.6
+        elif shape.contains_airflow:
+            kind, words, opacity = "cones", shape.words, 0.15
         elif solid:
-            look = "solids", f"solid {shape.words}", 0.9
+            kind, words, opacity = "solids", f"solid {shape.words}", 0.9
         else:
-            look = "regions", shape.words, 0.2
-        groups.setdefault(look, []).append(surface)
-    for (kind, words, opacity), surfaces in sorted(groups.items(), key=lambda group: group[0]):
-        yield Part(kind, words, palette.EXPOSURE, join(surfaces), opacity=opacity)
+            kind, words, opacity = "regions", shape.words, 0.2
+        if number == in_the_way:
+            kind, words, colour = "violated", VIOLATED, palette.NOT_CLEAR
+        looks.setdefault((kind, words, colour, opacity), []).append(surface)
+    for (kind, words, colour, opacity), surfaces in sorted(looks.items(), key=lambda look: look[0]):
+        yield Part(kind, words, colour, join(surfaces).move(np.eye(3), poses.end_effector), opacity=opacity)
 
 
-def _wall(point: Array, inwards: Array, poses: Platform) -> Part:
+def _wall(point: Array, inwards: Array, poses: Platform) -> Mesh:
     """Return part of the plane that bounds a half-space, scaled to the platform's distance from its tip."""
     width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
-    R = rotation_to(inwards)
-    slab = solids.box((width, width, 0.02 * width)).move(R, poses.end_effector + point - 0.01 * width * inwards)
-    return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
+    slab = solids.box((width, width, 0.02 * width))
+    return slab.move(rotation_to(inwards), point - 0.01 * width * inwards)
 
 
 def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:

@@ -45,6 +45,8 @@ class RunFile:
     OPTIMA_RECORD = "optima.json"
     RELAXED = "relaxed"
     """The folder of the limits that prevent a design, one file per size without a design."""
+    CLOSEST, CLOSEST_AUDIT = "closest.json", "closest-audit.json"
+    """The platform that came closest, and its audit, if there is no design."""
 
 
 CHANGED = "is not the file that this run wrote"

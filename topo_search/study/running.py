@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 from topo_search.engine import Backends, Engine, WorkersLost
+from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.answering import answer_of, complete_answer, detect_loss
@@ -121,6 +122,7 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     if not quotient.exact:
         tools.observer.note(quotient_remark(quotient))
     if impossible is not None:
+        tools.observer.note(f"{quantity(n, 'module')}: proven impossible, without a search: {impossible.message}")
         record_proof(folder, n, impossible, lower_bound)
         return
     for margin_context in contexts:

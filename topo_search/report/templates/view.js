@@ -4,7 +4,7 @@
 const HIDDEN_AT_FIRST = ["airflow", "cones", "closest", "connectors", "offset"];
 const FRAMED = ["modules", "rotors", "axes", "joints", "rod", "tip", "case", "contact", "forces"]; // the view is fitted to these
 const WITH_TOOLTIP = ["modules", "rotors", "airflow"]; // airflow encloses its module
-const UNSHADED = ["airflow", "cones", "regions", "walls", "forces", "contact"]; // kinds that cast no shadow
+const UNSHADED = ["airflow", "cones", "regions", "walls", "violated", "forces", "contact"]; // kinds that cast no shadow
 const THROTTLE = ["#f0f0f0", "#f2b779", "#c8401c"]; // at 0, 50 and 100 %
 const ROOM = [1.4, 1.4, 2.4]; // box of the air, over the size of the framed points
 const PAPER = 640; // width of a printed picture [px]
