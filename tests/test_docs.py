@@ -246,6 +246,7 @@ MODULES = (
     "topo_search.export.formats",
     "topo_search.model.files",
     "topo_search.model.proven",
+    "topo_search.model.task_file",
     "topo_search.model.topology",
     "topo_search.report.charts",
     "topo_search.report.progress",

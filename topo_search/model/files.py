@@ -80,6 +80,7 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
 def to_toml(task: Task) -> str:
     """Return a task as TOML text, with all defaults except those that derive from other fields.
 
+    >>> from topo_search import read_task
     >>> print(to_toml(read_task("push")).splitlines()[0])
     name = "push"
     """
