@@ -87,7 +87,7 @@ def _limits() -> str:
 
 
 def _task_file() -> str:
-    return f"```toml\n{task_template('my-task')}```"
+    return f"```toml\n{task_template('my-task', full=True)}```"
 
 
 def _gallery() -> str:

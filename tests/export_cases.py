@@ -5,9 +5,10 @@ from typing import Any
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from older import older_task
 
 from topo_search.export.mjcf import SPIN
-from topo_search.model import Design, Mount, Task, Topology
+from topo_search.model import Design, Mount, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.topologies import sample
 from verify.kinematics import platform
@@ -20,7 +21,7 @@ def random_design(topology: Topology, seed: int, task: dict[str, Any] | None = N
     rng = np.random.default_rng(seed)
     n = topology.n
     fields = {"name": "drawn", "modules": n, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}], **(task or {})}
-    resolved = Task.model_validate(fields).resolve(n)
+    resolved = older_task(fields).resolve(n)
     u_max = resolved.module.max_input(resolved.gravity)
     return Design(
         task=resolved,

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from older import older_task
 
 from nlp import solve
 from nlp.evaluation import correct_point
@@ -14,7 +15,7 @@ from nlp.numbers.point import Point, fixed_end_effector
 from nlp.program import AssembledProgram
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
-from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
+from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Topology
 from topo_search.model.end_effector import CountedRod
 
 Array = NDArray[np.float64]
@@ -176,7 +177,7 @@ def push(n: int = 5, **fields: Any) -> ResolvedTask:
     if "torque_to_thrust" not in (module := fields.get("module", {})):
         fields["module"] = {"torque_coefficient": 1.06e-8, **module}
     fields["end_effector"] = {"rod": "none", "largest_reach": False, **fields.get("end_effector", {})}
-    return Task.model_validate({"name": "push", "modules": n, "load_cases": PUSH, **fields}).resolve(n)
+    return older_task({"name": "push", "modules": n, "load_cases": PUSH, **fields}).resolve(n)
 
 
 def hover(n: int, **fields: Any) -> ResolvedTask:

@@ -91,7 +91,7 @@ def test_reserves_are_told_where_they_are_asked_for() -> None:
     told = groups("push", *TWO, *asked, *level)[title]
     assert told == {
         "around": "hover",
-        "force reserve": "any horizontal force of 0.518 N = 0.1 m_t g at the end-effector",
+        "force reserve": "any horizontal force of 0.518 N = 0.1 m_t g at the end-effector or at the centre of mass",
         "torque reserve": "any of 0.0259 N m",
     }
     told = groups("push", *TWO, "--set", "flight.rotor_out=hover", "--set", "flight.joint_moment=2.0")[title]

@@ -70,7 +70,7 @@ def test_what_check_warns_about_is_told_before_the_work(command):
 
 def test_solve_warns_about_the_size_that_it_solves(command, tmp_path):
     """Three modules cannot lift themselves here, four can: the largest of a range counts."""
-    (tmp_path / "toy.toml").write_text(TOY.replace("3", "[2, 3]", 1).replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 6.0]"))
+    (tmp_path / "toy.toml").write_text(TOY.replace("3", "[2, 3]", 1).replace("[0.0, 0.0, 1.0]", "[0.0, 0.0, 6.1]"))
     (tmp_path / "toy.toml").write_text((tmp_path / "toy.toml").read_text().replace("com =", 'units = "SI"\ncom ='))
     for key, odd in (("a10", False), ("a300", True)):
         assert ("less than the weight" in command("solve", "toy.toml", "--topology", key).stderr) == odd

@@ -12,13 +12,14 @@ from wording import says
 from topo_search.model import LoadCase, ResolvedTask, Task
 from topo_search.model.end_effector import CountedRod
 from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
+from topo_search.model.flying import FLYING
 from topo_search.model.task_file import read_task, task_template
 
 EXAMPLES = (
     "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|"
-    "centre_margin|hinge_step_deg|hinge_angles_deg"
+    "centre_margin|hinge_step_deg|hinge_angles_deg|joint_mass"
 )
-"""Fields without a default: what the file says of them is an example."""
+"""Fields without a default, where the file has an example, and one from which loads derive."""
 SLIPSTREAMS = {"airflow": {"regions": {}}}
 """Lines of `init` beside load cases and flight: envelopes against regions enclose the slipstreams."""
 
@@ -29,26 +30,26 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_folder: Path) -> None:
-    invoke("init", "window.toml")
+@pytest.mark.parametrize("options", [(), ("--full",)])
+def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_folder: Path, options) -> None:
+    invoke("init", "window.toml", *options)
     task = read_task("window.toml")
-    advised = {
-        "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.085, **SLIPSTREAMS},
-        "end_effector": {"rod_mass": "included"},
-        "flight": {"at": "both"},
-    }
-    assert task == Task(name="window", modules=5, load_cases=task.load_cases, **advised)
+    module = {"torque_coefficient": 3.1e-9, "max_thrust": 3.2, **SLIPSTREAMS}
+    assert task == Task(name="window", modules=3, load_cases=task.load_cases, module=module)
+    assert set(task.flight.filled) == set(FLYING)
     assert 0.35 < task.module.figure_of_merit(task.air_density) < 0.8
     assert len(task.load_cases) == 2
 
 
 def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(in_folder: Path) -> None:
-    invoke("init", "window.toml")
-    before = read_task("window.toml").resolve(5)
+    invoke("init", "--full", "window.toml")
+    before = read_task("window.toml").resolve(3)
     path = in_folder / "window.toml"
     defaults = rf"^# (?!{EXAMPLES})(\w+ = )"
-    path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
-    after = read_task("window.toml").resolve(5)
+    path.write_text(
+        re.sub(defaults, r"\1", task_template("window", full=True).replace("# [", "["), flags=re.MULTILINE)
+    )
+    after = read_task("window.toml").resolve(3)
     assert len(after.exposure) == len(EXPOSURE_KINDS)
     module = before.module.model_copy(update={"bracket": before.module.bracket_sizes})  # a table says it is stated
     assert_same(after.model_copy(update={"exposure": ()}), before.model_copy(update={"module": module}))
@@ -71,7 +72,7 @@ def is_model(one: object) -> bool:
 
 
 def test_every_field_is_explained() -> None:
-    text = task_template("window")
+    text = task_template("window", full=True)
     words = " ".join(re.sub(r"\n# +# ", " ", text).split())
 
     def fields(model: type[BaseModel]) -> set[tuple[str, str]]:
@@ -90,6 +91,7 @@ def test_every_field_is_explained() -> None:
         "task_seed",  # belongs to the shipped random family alone
         *("frame", "frame_excess"),  # are read from a mesh
         *("grows", "port"),  # are of designs whose rod counts
+        "dropped",  # is of designs
     }
     assert max(len(line) for line in text.splitlines()) <= 120
 

@@ -6,13 +6,14 @@ import pytest
 import toy_problem
 from commands import invoke
 from ledger_edit import altered
+from older import older_task
 from processes import table
 from test_study_checking import Checker
 from test_study_proving import Prover
 from toy_problem import BACKENDS, InProcess, toy_run, toy_task
 
 from topo_search import compose, search
-from topo_search.model import BadInput, Task
+from topo_search.model import BadInput
 from topo_search.model.files import to_toml
 
 
@@ -177,7 +178,7 @@ def test_what_no_proof_can_be_of_is_refused_before_the_search(toy, tmp_path):
     toy(Prover())
     with pytest.raises(BadInput, match="modules: must be at most 12 for a proof, but got 13"):
         search(toy_task(13), out=tmp_path / "run", prove=0.01, strategy="optuna", trials=2)
-    goals = Task.model_validate(toy_task().model_dump() | {"goals": {"clearance": [0.01, 0.02]}})
+    goals = older_task(toy_task().model_dump() | {"goals": {"clearance": [0.01, 0.02]}})
     with pytest.raises(BadInput, match="has goals: a proof needs a single objective"):
         search(goals, out=tmp_path / "run", prove=0.01)
     assert not (tmp_path / "run").exists()

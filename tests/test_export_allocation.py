@@ -16,6 +16,7 @@ from export_cases import (
     mass_matrix,
     random_design,
 )
+from wording import says
 
 from topo_search.export.allocation import Allocation, allocation, px4_parameters, px4_warnings, set_points
 from topo_search.export.mjcf import mjcf
@@ -172,7 +173,11 @@ def test_a_set_point_of_one_is_told_in_newtons() -> None:
         exerted @ [0, 0, 0, 0, 0, -hover], [0, 0, 0, 0, 0, -acts.mass_kg * 9.80665], atol=1e-5
     )
     assert f"{set_points(acts)[5]:.4g} along z" in text
-    assert px4_warnings(acts) == ()
+    (slow,) = px4_warnings(acts)  # PX4 takes no limit below 2 m/s^2
+    assert says(slow, "MPC_ACC_HOR", f"{acts.side_force_N / acts.mass_kg:.2g} m/s^2")
+    strong = acts.model_copy(update={"side_force_N": 3.0 * acts.mass_kg})
+    assert px4_warnings(strong) == ()
+    assert read(px4_parameters(strong))["MPC_ACC_HOR"] == 3.0
 
 
 def test_what_px4_cannot_exert_is_named_by_its_direction() -> None:

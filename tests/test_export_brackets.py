@@ -25,11 +25,12 @@ from topo_search.export.brackets import (
     printed_parts,
     struts,
 )
-from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
+from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
+from topo_search.model.joint_mass import bolt_of
 from topo_search.topologies import sample
 from verify.kinematics import platform
 

@@ -11,9 +11,10 @@ import pytest
 from commands import invoke
 from export_cases import in_mujoco, random_design, with_rod
 from numpy.typing import NDArray
+from older import older_task
 
 from topo_search.export.mjcf import POINT, Physics, mjcf
-from topo_search.model import Design, Mount, Task, Topology
+from topo_search.model import Design, Mount, Topology
 from topo_search.model.files import to_json
 from topo_search.simulation.plant import ModelErrors, Plant, Wall
 from verify.kinematics import platform
@@ -30,7 +31,7 @@ FRUSTUM = [[x, y, 0.0] for x, y in itertools.product((-0.2, 0.2), repeat=2)] + [
 def beside(design: Design, *regions: dict[str, Any]) -> Design:
     """The design with other regions at its target."""
     stated = design.task.model_dump(mode="json") | {"exposure": [{"solid": True, **region} for region in regions]}
-    return design.model_copy(update={"task": Task.model_validate(stated).resolve(design.topology.n)})
+    return design.model_copy(update={"task": older_task(stated).resolve(design.topology.n)})
 
 
 def ahead() -> Design:

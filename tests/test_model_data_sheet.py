@@ -50,7 +50,8 @@ def test_a_design_has_one_form_and_a_task_comes_back(tmp_path: Any) -> None:
     written = stated.resolve(3).model_dump(mode="json")["module"]
     assert not {"max_thrust", "torque_to_thrust"} & set(written)
     assert written["min_input"] == 0.05
-    assert "min_input" not in task({}).resolve(3).model_dump_json()
+    unused = task({"min_input": 0.0}, flight={"defaults": False})
+    assert "min_input" not in unused.resolve(3).model_dump_json()
 
 
 def test_settings_change_what_a_data_sheet_says(tmp_path: Any) -> None:

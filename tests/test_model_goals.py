@@ -53,16 +53,15 @@ def test_no_goals_are_one_level_that_changes_nothing():
 def test_levels_of_what_a_design_can_do_beyond_its_task_are_set_in_its_flight():
     asked = task(
         goals={"force_reserve": [0.1, 0.0], "rotor_out": ["all", "none"], "joint_moment": [1.5, 2.0]},
-        flight={"directions": "horizontal", "rotor_out_torque": 0.02},
+        flight={"at": "tip", "directions": "horizontal", "rotor_out_torque": 0.02},
     )
     assert asked.goals.names == ("force_reserve", "rotor_out", "joint_moment")
     first, last = asked.goals.levels[0], asked.goals.levels[-1]
     assert (first.force_reserve, first.rotor_out, first.joint_moment) == (0.0, "none", 2.0)
     assert last.words == 'flight.force_reserve = 0.1, flight.rotor_out = "all", flight.joint_moment = 1.5'
     held = {"force_reserve": 0.1, "rotor_out": "all", "joint_moment": 1.5, "rotor_out_torque": 0.02}
-    assert asked.at(last) == task(flight={"directions": "horizontal", **held})
-    assert asked.at(first) == task(flight={"directions": "horizontal", "joint_moment": 2.0})
-    assert "torque_reserve" not in asked.model_dump_json(include={"goals"})
+    assert asked.at(last) == task(flight={"at": "tip", "directions": "horizontal", **held})
+    assert asked.at(first) == task(flight={"at": "tip", "directions": "horizontal", "joint_moment": 2.0})
 
 
 def test_levels_of_the_air_speed_are_those_of_every_region():

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 from topo_search.model import BadInput, ResolvedTask, Task
 from topo_search.model.corners import to_corners
 from topo_search.model.files import to_toml, validate
+from topo_search.model.flying import with_older_defaults
 from topo_search.model.reserves import AUDIT_TOLERANCE, centres, reserve_corners
 
 HOVER = {"carries_weight": True}
@@ -21,7 +22,7 @@ FREE = {"com": {"force": [0.2, 0.0, 0.5]}}
 
 def task(flight: dict[str, Any], *cases: dict[str, Any], **fields: Any) -> Task:
     data = {"name": "t", "modules": 4, "load_cases": list(cases) or [HOVER], "flight": flight, **fields}
-    return validate(Task, data, "t")
+    return validate(Task, with_older_defaults(data), "t")
 
 
 def inradius(points: np.ndarray) -> float:
@@ -141,7 +142,7 @@ def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -
         assert asked.force_reserve == pytest.approx(0.1 * stated.force_unit(n))
         assert asked.torque_reserve == pytest.approx(0.05 * stated.torque_unit(n))
     resolved = stated.resolve(3)
-    assert Task.model_validate_json(resolved.model_dump_json()).resolve(3) == resolved
+    assert Task.model_validate(with_older_defaults(resolved.model_dump(mode="json"))).resolve(3) == resolved
     assert "[flight]" in to_toml(stated)
     assert "flight" not in task({}).resolve(4).model_dump_json()
     assert "flight" not in task({"units": "weight", "around": "all"}).resolve(4).model_dump_json()

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from nlp_cases import as_point, best_design, hover, random_tree
+from older import older_task
 from suites import few
 from verify_cases import design
 from wording import says
@@ -15,7 +16,7 @@ from nlp import prove_impossible
 from nlp.numbers.geometry import fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
-from topo_search.model import Module, Status, Task, Topology
+from topo_search.model import Module, Status, Topology
 from topo_search.model.folds import FOLD, folds_text, nearest_fold
 from topo_search.model.room import (
     airflow_folds,
@@ -66,7 +67,7 @@ def bolted(body, angle, a=0, b=2):
 
 
 def test_the_default_module_needs_a_ball_of_its_farthest_rims_and_any_hinge_angle():
-    task = Task.model_validate({"name": "plain", "modules": 5, "load_cases": [HOVER]})
+    task = older_task(name="plain", modules=5, load_cases=[HOVER])
     assert body_radius(task.module) == pytest.approx(math.hypot(0.15, 0.01), rel=1e-15)
     assert task.centre_distance == pytest.approx(2 * math.hypot(0.15, 0.01), rel=1e-15)
     assert task.folds(1e-4) == ((-math.pi / 2, math.pi / 2),)
@@ -74,7 +75,7 @@ def test_the_default_module_needs_a_ball_of_its_farthest_rims_and_any_hinge_angl
 
 def test_what_a_user_asks_for_is_kept_where_it_is_more():
     def asked(**search):
-        task = Task.model_validate({"name": "asked", "modules": 5, "load_cases": [HOVER], "search": search})
+        task = older_task(name="asked", modules=5, load_cases=[HOVER], search=search)
         assert task.resolve(5).centre_distance == task.centre_distance
         assert task.resolve(5).search.body_clearance == (task.body_clearance or False)
         return task
@@ -87,8 +88,8 @@ def test_what_a_user_asks_for_is_kept_where_it_is_more():
 
 def test_without_body_clearance_hinges_turn_as_in_the_paper():
     stated = {"name": "long", "modules": 5, "load_cases": [HOVER], "module": {"arm_length": 0.135}}
-    assert Task.model_validate(stated).folds()[0][1] < 0.9
-    airflow_alone = Task.model_validate({**stated, "search": {"body_clearance": False}})
+    assert older_task(stated).folds()[0][1] < 0.9
+    airflow_alone = older_task({**stated, "search": {"body_clearance": False}})
     assert airflow_alone.folds() == ((-math.pi / 2, math.pi / 2),)
 
 

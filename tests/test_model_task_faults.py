@@ -14,6 +14,7 @@ from wording import told
 
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.files import validate
+from topo_search.model.flying import with_older_defaults
 from topo_search.model.task_file import examples, read_task
 
 TASK = """
@@ -171,7 +172,7 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
 )
 def test_a_fault_of_goals_reserves_and_sets_gets_one_message(fields: dict[str, object], fault: str) -> None:
     with pytest.raises(BadInput) as caught:
-        validate(Task, {"name": "t", "modules": 5, "load_cases": [HOVER], **fields}, "t")
+        validate(Task, with_older_defaults({"name": "t", "modules": 5, "load_cases": [HOVER], **fields}), "t")
     assert [str(one)[: len(fault)] for one in caught.value.faults] == [fault]
 
 
@@ -266,7 +267,7 @@ FIELDS = ["name", "modules", "gravity", "task_seed", "module", "end_effector", "
 def faults_in(data: dict[str, object]) -> list[Fault]:
     """Read a task; if it is one, also resolve it, which may not fail then."""
     try:
-        task = validate(Task, data, "data")
+        task = validate(Task, with_older_defaults(data), "data")
     except BadInput as error:
         return error.faults
     task.resolve(task.sizes[0])

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from older import older_task
 from pydantic import BaseModel
 from wording import says
 
@@ -50,7 +51,7 @@ PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
 def found(**fields: Any) -> dict[str, str]:
     """The warnings of a task with no other reason for warnings, by field."""
     task = {"name": "odd", "modules": 3, "load_cases": [PUSH_WHILE_HOVERING, HOVER], **fields}
-    return {one.path: one.words for one in task_warnings(Task.model_validate(task))}
+    return {one.path: one.words for one in task_warnings(older_task(task))}
 
 
 def test_nothing_is_odd_about_a_plain_task() -> None:
@@ -276,7 +277,7 @@ def test_frames_that_reach_past_their_connectors(edge: float, warned: bool) -> N
     start = f"hub and arms reach {edge / 2:.3g} m out, past the connector at 0.15 m"
     for hub in ([edge, 0.02, 0.02], [0.02, edge, 0.02]):
         given = {"name": "odd", "modules": 3, "load_cases": [HOVER], "module": {"body": {"hub": hub}}}
-        assert any(one.words.startswith(start) for one in task_warnings(Task.model_validate(given))) is warned
+        assert any(one.words.startswith(start) for one in task_warnings(older_task(given))) is warned
 
 
 def test_a_rod_that_may_bend_far_is_warned_about() -> None:
@@ -299,30 +300,11 @@ def test_a_rod_that_may_bend_far_is_warned_about() -> None:
         assert "rod_deflection = 10 mm" in message
 
 
-@pytest.mark.parametrize(
-    ("fields", "warned"),
-    [
-        ({"flight": {"torque_reserve": 0.05}}, True),
-        ({"flight": {"rotor_out": "hover"}}, True),  # by default with a torque reserve
-        ({"flight": {"rotor_out": "hover", "rotor_out_torque": 0.0}}, False),
-        ({"goals": {"torque_reserve": [0.0, 0.05]}}, True),
-        ({"flight": {"force_reserve": 0.05}}, False),
-        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "included"}}, False),
-        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "ignored"}}, False),
-    ],
-)
-def test_an_ignored_rod_that_may_cost_a_required_torque_is_warned_about(
-    fields: dict[str, Any], warned: bool
-) -> None:
-    words = found(**fields).get("end_effector.rod_mass", "")
-    assert ('set it to "included"' in words) is warned
-
-
 def test_a_position_that_needs_a_long_rod_is_warned_about() -> None:
     """A fixed position limits no rod by its deflection: the user chose how far away it is."""
     for x, warned in ((0.3, False), (0.9, True)):
         table = {"name": "t", "modules": 3, "load_cases": [HOVER], "end_effector": {"position": [x, 0.0, 0.0]}}
-        task = Task.model_validate(table)
+        task = older_task(table)
         paths = [found.path for found in task_warnings(task)]
         assert ("end_effector.position" in paths) is warned
         assert task.largest_reach(3) == pytest.approx(4 * 2 * 0.15 * 3**0.5)

@@ -10,9 +10,10 @@ from importlib import import_module
 import numpy as np
 import pytest
 from nlp_cases import random_tree
+from older import older_task
 
 from nlp import lower_bound, prove_impossible, solve
-from topo_search.model import Design, Status, Task
+from topo_search.model import Design, Status
 from verify import audit
 
 ALLOWANCE = 3e-6
@@ -103,7 +104,7 @@ def random_task(rng, *, flies=False):
         "exposure": [exposure[rng.integers(3)]] if rng.random() < 0.25 else [],
         "search": search,
     }
-    return Task.model_validate(task | (random_flight(rng, l_arm) if flies else {})).resolve(n)
+    return older_task(task | (random_flight(rng, l_arm) if flies else {})).resolve(n)
 
 
 def random_flight(rng, l_arm):

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 from nlp_cases import BESIDE_A_DECK
+from older import older_task
 
 from nlp import default_starts, solve
-from topo_search.model import Design, Task, Topology
+from topo_search.model import Design, Topology
 from topo_search.topologies.family import candidates
 
 WORSE = 5e-4
@@ -72,7 +73,7 @@ def loosened(table: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def efforts(table: dict[str, Any]) -> dict[str, float]:
     """J of every tree that has a design."""
-    task = Task.model_validate(table)
+    task = older_task(table)
     solved = {
         each.topology.key: solve(task.resolve(3), each.topology, starts=range(default_starts(task)), seed=0)
         for each in candidates(3)
@@ -97,7 +98,7 @@ def test_a_looser_limit_loses_nothing(seed: int, flight: bool) -> None:
 def test_a_tip_that_may_be_anywhere_comes_back() -> None:
     """All eight starts of this tree once left for a tip 200 m away, which pushing upwards alone does not forbid."""
     table = {**BESIDE_A_DECK, "end_effector": {"mass": 0.15, "largest_reach": False}}
-    task, topology = Task.model_validate(table).resolve(5), Topology.from_key("a62020")
+    task, topology = older_task(table).resolve(5), Topology.from_key("a62020")
     outcome = solve(task, topology, starts=range(8), seed=0)
     assert isinstance(outcome, Design)
     assert outcome.objective < 1.58e15

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nlp_cases import BESIDE_A_DECK, LOCAL, PUSH, as_design, as_point, hover, push, random_point, random_tree
+from older import older_task
 from suites import few
 
 from nlp import solve
@@ -14,7 +15,7 @@ from nlp.bounds.reach import _displacements, _poses
 from nlp.evaluation import violations, worst
 from nlp.numbers.point import Point
 from nlp.reduced import reason_against
-from topo_search.model import Design, Infeasible, Task, Topology
+from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 
@@ -51,18 +52,18 @@ def bent(length, *, force, torque, fields):
 def test_by_default_it_ends_where_the_rod_bends_too_far(fields):
     case = {"units": "SI", "carries_weight": True, "end_effector": {"force": [2.0, 0, 0], "torque": [0, 0, 0.3]}}
     table = {"name": "t", "modules": [4, 9], "load_cases": [case, {"carries_weight": True}], "end_effector": fields}
-    task = Task.model_validate(table)
+    task = older_task(table)
     for n in (4, 9):
         reach = task.resolve(n).end_effector.largest_reach
         deflection = fields.get("rod_deflection", 0.005)
         assert bent(reach, force=2.0, torque=0.3, fields=fields) == pytest.approx(deflection, rel=1e-6)
-    pushes = Task.model_validate({**table, "load_cases": [{**case, "cone": CONE_OF_FORCES}]})
+    pushes = older_task({**table, "load_cases": [{**case, "cone": CONE_OF_FORCES}]})
     assert pushes.largest_reach(4) < task.largest_reach(4)  # up to 5 N
 
 
 def test_by_default_it_is_at_most_four_widths_of_the_platform_and_a_rod_is_asked_for():
     for fields in ({"rod_deflection": 100.0}, {"rod_linear_density": 0.0}):
-        task = Task.model_validate({"name": "t", "modules": [4, 9], "load_cases": PUSH, "end_effector": fields})
+        task = older_task(name="t", modules=[4, 9], load_cases=PUSH, end_effector=fields)
         assert task.resolve(4).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 2)
         assert task.resolve(9).end_effector.largest_reach == pytest.approx(4 * 2 * 0.15 * 3)
         assert task.resolve(4).end_effector.rod == "straight"
@@ -230,9 +231,7 @@ def test_distances_change_by_no_more_than_a_box_of_hinge_angles_allows(turns, le
 
 def beside_a_deck(reach):
     end_effector = {"mass": 0.15, "largest_reach": reach}
-    return Task.model_validate(
-        {**BESIDE_A_DECK, "name": "deck", "modules": 4, "end_effector": end_effector}
-    ).resolve(4)
+    return older_task({**BESIDE_A_DECK, "name": "deck", "modules": 4, "end_effector": end_effector}).resolve(4)
 
 
 def test_a_longer_reach_loses_no_design():

@@ -1,6 +1,7 @@
 """The shortest rod at a design's effort, and what a shorter one costs."""
 
 import pytest
+from older import older_task
 
 from nlp import solve
 from topo_search.model import Design, Task, Topology
@@ -30,7 +31,7 @@ def test_where_the_effort_does_not_depend_on_it_the_rod_is_short() -> None:
     fields = {"mass": 0.0, "stand_off": 0.3, "largest_reach": 2.5}
     module, case = {"torque_coefficient": 1.06e-8}, {"carries_weight": True}
     task = {"name": "hover", "modules": 3, "module": module, "end_effector": fields, "load_cases": [case]}
-    design = solved(Task.model_validate(task))
+    design = solved(older_task(task))
     record = (design.solver or {})["shorter_rod"]
     assert rod_of(design) < 0.4
     assert record is None or record["length_m"] < rod_of(design)
@@ -40,7 +41,7 @@ def test_where_the_effort_does_not_depend_on_it_the_rod_is_short() -> None:
 def test_what_a_shorter_rod_costs_is_what_a_shorter_reach_costs() -> None:
     push = {"units": "SI", "carries_weight": True, "end_effector": {"force": [2.0, 0.0, 0.0]}}
     ball = {"kind": "local", "radius": 0.2}
-    task = Task.model_validate({"name": "push", "modules": 3, "load_cases": [push], "exposure": [ball]})
+    task = older_task(name="push", modules=3, load_cases=[push], exposure=[ball])
     design = solved(task)
     shorter = (design.solver or {})["shorter_rod"]
     assert shorter["length_m"] == pytest.approx(0.9 * rod_of(design), rel=1e-6)
@@ -56,5 +57,5 @@ def test_what_a_shorter_rod_costs_is_what_a_shorter_reach_costs() -> None:
 @pytest.mark.parametrize("fields", [{"rod": "none"}, {"position": [0.35, 0.0, 0.0]}])
 def test_without_a_rod_of_free_length_nothing_is_said(fields: dict[str, object]) -> None:
     case = {"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}}
-    design = solved(Task.model_validate({"name": "t", "modules": 3, "end_effector": fields, "load_cases": [case]}))
+    design = solved(older_task(name="t", modules=3, end_effector=fields, load_cases=[case]))
     assert design.shorter_rod is None

@@ -10,11 +10,12 @@ import math
 import numpy as np
 import pytest
 from nlp_cases import FEATURES, GENTLE_PUSH, PATH, best_design, push
+from older import older_task
 from suites import few
 
 from nlp import lower_bound
 from nlp.bounds.branch.arrays import reroot
-from topo_search.model import Task, Topology
+from topo_search.model import Topology
 
 STARTS = 12
 SAME = 1e-6
@@ -60,7 +61,7 @@ def turned(task, angle):
             turn(requirement, "axis")
     if isinstance(data["end_effector"]["position"], list):
         turn(data["end_effector"], "position")
-    return Task.model_validate(data).resolve(task.n)
+    return older_task(data).resolve(task.n)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +133,7 @@ def test_scaling_all_lengths_changes_nothing(scale):
     (path,) = data["exposure"]
     path["radius"] *= scale
     path["segments"] = [[scale * x for x in segment] for segment in path["segments"]]
-    assert best(Task.model_validate(data).resolve(5)) == pytest.approx(best(task), rel=SAME)
+    assert best(older_task(data).resolve(5)) == pytest.approx(best(task), rel=SAME)
 
 
 @pytest.mark.parametrize("scale", few([0.02, 30.0], 1))

@@ -62,7 +62,7 @@ def test_the_schemas_are_those_of_the_models():
 
 def written_files():
     """Yield files of every kind as the package writes them, each with the name of its schema."""
-    yield from (("task", tomllib.loads(task_template("task"))),)
+    yield from (("task", tomllib.loads(task_template("task", full=True))),)
     yield from (("task", tomllib.loads(to_toml(read_task(name)))) for name in examples())
     designs = [read_json(Design, path) for path in sorted((ROOT / "tests/designs").glob("*.json"))]
     wall_push = read_json(Design, ROOT / "tests/designs/wall-push.json")

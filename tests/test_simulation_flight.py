@@ -21,7 +21,7 @@ from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.load_case import ForceCone
 from topo_search.model.reserves import AskedFlight
-from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, load_factor, plan, worst_wakes
+from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, plan, worst_wakes
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import ModelErrors, Plant, in_wakes, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult
@@ -307,12 +307,12 @@ def test_of_many_corners_those_are_flown_that_can_grow_least(wall_press: Design)
 
     growths = []
     for force in map(np.array, pushes):
-        growth = load_factor(known, np.array([*force, *np.cross(at.p_e - known.com, force)]))
+        growth = known.hover.load_factor(np.array([*force, *np.cross(at.p_e - known.com, force)]))
         assert (can(0.99 * growth * force), can(1.01 * growth * force)) == (True, False)
         growths += [growth, growth]  # of both load cases
     limit = sorted(growths)[CORNERS - 1]
     for each in flown:
-        assert load_factor(known, known.about_com(each.exerted)) <= limit * (1 + 1e-9)
+        assert known.hover.load_factor(known.about_com(each.exerted)) <= limit * (1 + 1e-9)
 
 
 def test_a_death_counts_where_the_task_or_the_command_asks_for_it(wall_press: Design) -> None:
@@ -326,5 +326,5 @@ def test_a_death_counts_where_the_task_or_the_command_asks_for_it(wall_press: De
 
 def test_who_cannot_hover_can_add_nothing() -> None:
     known = nominal(random_design(Topology.from_key("a0"), 1))
-    assert load_factor(known, np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])) == 0.0
-    assert load_factor(known, np.zeros(6)) == np.inf
+    assert known.hover.load_factor(np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])) == 0.0
+    assert known.hover.load_factor(np.zeros(6)) == np.inf

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
-from topo_search.simulation.campaign import hover_residual, static_failures, weakest_force
+from topo_search.simulation.campaign import hover_residual, static_failures
 from topo_search.simulation.controller import (
     EFFORT,
     TORQUE_FIRST,
@@ -164,9 +164,9 @@ def test_the_controller_asks_for_hover_at_rest_and_for_a_way_back_elsewhere(wall
 
 def test_authority_in_hover_tells_a_weak_design_from_a_strong_one(solved_push: Design, wall_press: Design) -> None:
     weak, strong = nominal(solved_push), nominal(wall_press)
-    assert weakest_force(weak)[0] / weak.weight < 0.02
-    assert weakest_force(strong)[0] / strong.weight > 0.2
-    force, d = weakest_force(strong)
+    assert weak.hover.weakest_force()[0] / weak.weight < 0.02
+    assert strong.hover.weakest_force()[0] / strong.weight > 0.2
+    force, d = strong.hover.weakest_force()
     allocator = Allocator(strong)
     for share, possible in ((0.99, True), (1.05, False)):
         wrench = np.array([*(share * force * d[:2]), strong.weight, 0, 0, 0])
@@ -192,4 +192,4 @@ def test_rotors_that_never_stop_do_not_stop_unless_they_are_dead(wall_press: Des
     assert freely.min() < 0.35 * known.largest_thrust
     assert T[7] == 0
     assert np.delete(T, 7).min() >= 0.35 * known.largest_thrust * (1 - 1e-9)
-    assert weakest_force(known)[0] <= weakest_force(nominal(wall_press))[0]
+    assert known.hover.weakest_force()[0] <= nominal(wall_press).hover.weakest_force()[0]

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
+from older import older_task
 from toy_problem import toy_run
 from wording import says
 
 from topo_search.engine import Failed
-from topo_search.model import Task, Topology
+from topo_search.model import Topology
 from topo_search.model.design import Stated
 from topo_search.model.task_file import read_task
 from topo_search.study import Request, UserInputs
@@ -83,7 +84,7 @@ def test_listed_trees_cover_a_size_if_none_is_left_out(fields):
 @pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
 def test_a_lossy_symmetry_covers_no_size(symmetry):
     tilted = {"end_effector": {"force": [0.3, 0.2, 0.1], "torque": [0.1, 0.2, 0.3]}}
-    task = Task.model_validate({"name": "tilted", "modules": 4, "load_cases": [tilted]})
+    task = older_task(name="tilted", modules=4, load_cases=[tilted])
     assert Request(task, symmetry, starts=1, seed=0).covers(4) == (symmetry in ("none", "c2"))
     by_number = Stated(name="own", invariant="none", lower=0.0)
     assert not Request(task, "c2", starts=1, seed=0, user_inputs=UserInputs(constraints=(by_number,))).covers(4)

@@ -13,8 +13,8 @@ from toy_problem import toy_run, toy_solved, toy_task
 from topo_search.cli.tables import answer_lines
 from topo_search.model import Assembly, BadInput, BoltedJoint, Clearance, Design, Status, Task, Tolerances
 from topo_search.model.files import read_json
+from topo_search.model.flying import with_older_defaults
 from topo_search.model.reserves import AskedFlight
-from topo_search.model.task import with_older_defaults
 from topo_search.study.folder import RunFolder
 from topo_search.study.request import LARGER_MARGINS, margins
 

@@ -11,13 +11,14 @@ import toy_problem
 from commands import invoke
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from older import older_task
 from report_cases import Reader
 from toy_problem import solved_keys, toy_run, toy_task
 from wording import says
 
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import search
-from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
+from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Wrench
 from topo_search.model.files import read_json
 from topo_search.model.goals import GOALS as STEPS
 from topo_search.model.goals import Goals, Level
@@ -282,7 +283,7 @@ def test_no_design_at_any_level_and_none_that_passes(tmp_path, monkeypatch):
 def test_fewer_modules_against_effort_of_a_hover(tmp_path):
     """One module, or two that share the force, splayed just so that their airflows clear (test_nlp_by_hand)."""
     case = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 5.0)))
-    task = Task(name="lift", modules=(1, 2), load_cases=(case,), goals=Goals(modules=True))
+    task = older_task(name="lift", modules=(1, 2), load_cases=(case,), goals=Goals(modules=True))
     answer = search(task, out=tmp_path / "run", starts=2)
     k_f = task.module.thrust_coefficient
     one, two = sorted(answer.points, key=lambda p: p.row.modules)

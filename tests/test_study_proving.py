@@ -7,11 +7,12 @@ from itertools import islice
 import pytest
 import toy_problem
 from ledger_edit import rewritten
+from older import older_task
 from processes import table
 from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
-from topo_search.model import BadInput, Chunk, Proof, Task
+from topo_search.model import BadInput, Chunk, Proof
 from topo_search.model.exposure import Allowed, Local, Plane
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
@@ -345,7 +346,7 @@ PUSH = {"end_effector": {"force": [0.1, 0.0, 1.0]}}
 )
 def test_proofs_of_a_platform_that_could_lean_say_that_it_does_not(tmp_path, cases, shared):
     """With another attitude for each of several wrenches, a platform could save effort."""
-    task = Task.model_validate({"name": "toy", "modules": 3, "load_cases": cases})
+    task = older_task(name="toy", modules=3, load_cases=cases)
     run = tmp_path / "run"
     (found,) = toy_run(run, task=task).sizes
     (size,) = proven(run, Prover()).sizes

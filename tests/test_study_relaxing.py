@@ -7,12 +7,13 @@ from dataclasses import replace
 import pytest
 import toy_problem
 from nlp_cases import BESIDE_A_DECK, GENTLE_PUSH, PUSH, push
+from older import older_task
 from toy_problem import toy_run
 from wording import says
 
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed, Job
-from topo_search.model import Design, Infeasible, Task, Topology
+from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS
 from topo_search.model.task_file import apply_settings
@@ -118,6 +119,7 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
         search={"peak_input": 0.8, "root": "paper"},
         module={"joint_moment": 2.0},
         flight={
+            "tolerances": True,
             "units": "SI",
             "force_reserve": 1.0,
             "torque_reserve": 0.2,
@@ -168,7 +170,7 @@ def test_no_step_leads_to_a_task_that_is_refused(tmp_path, monkeypatch, reach, l
     """A plane stays nearer than the distance up to which its speed applies: it moves by less, or not at all."""
     monkeypatch.setenv("TOY_NONE", "*")
     planes = {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, -1.0]}], "speed": 0.5, "geometry": False}
-    task = Task.model_validate(user_task(exposure=[{**planes, "speed_within": reach}]))
+    task = older_task(user_task(exposure=[{**planes, "speed_within": reach}]))
     steps = {limit.limit: limit.shares[-1] for limit in relaxable(task, 3)}
     assert steps["air over exposure 0 (allowed)"] == 1.0
     assert steps.get("exposure 0 (allowed)") == last
@@ -210,17 +212,17 @@ def test_the_number_of_solves_is_bounded_whatever_comes_of_them(monkeypatch, hel
 def test_the_printed_value_in_the_task_file_is_the_task_that_is_tried(fields, change):
     """Also the defaults that follow from it, such as the largest reach of a rod from the connectors."""
     data = user_task(**fields)
-    task = Task.model_validate(data)
+    task = older_task(data)
     limit = next(limit for limit in relaxable(task, 3) if limit.field == change)
     for share in (0.07, limit.shares[-1]):
         apply_settings(
             again := json.loads(json.dumps(data)), (f"{change}={limit.value(limit.relaxed(share)):.6g}",)
         )
-        assert Task.model_validate(again).resolve(3) == limit.relaxed(share).resolve(3)
+        assert older_task(again).resolve(3) == limit.relaxed(share).resolve(3)
 
 
 def toy_relaxed(*, engine=None, **fields):
-    task = Task.model_validate(user_task(**fields))
+    task = older_task(user_task(**fields))
     return task, relaxed_limits(task, "a300", backends=toy_problem.BACKENDS, engine=engine, starts=2)
 
 
@@ -270,7 +272,7 @@ def test_what_passes_its_audit_with_a_larger_margin_is_advised_as_a_run_would_fi
 
 def test_a_tighter_reach_leads_to_a_design_of_the_task_as_it_is():
     """Rods of metres meet these requirements as well, but no start of four reaches one."""
-    task = Task.model_validate(BESIDE_A_DECK)
+    task = older_task(BESIDE_A_DECK)
     tighter = next(limit for limit in relaxable(task, 5) if limit.tightens)
     design = BACKENDS.solve(
         Job(tighter.relaxed(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
@@ -287,7 +289,7 @@ def test_a_tighter_reach_is_named_before_what_takes_from_the_task(monkeypatch):
 
     fields = {"module": {"max_thrust_to_weight": 2.5}, "end_effector": {"largest_reach": 1.0}}
     found = relaxed_limits(
-        Task.model_validate(user_task(**fields)), "a300", backends=replace(toy_problem.BACKENDS, solve=solve)
+        older_task(user_task(**fields)), "a300", backends=replace(toy_problem.BACKENDS, solve=solve)
     )
     first, second = found.sentences
     assert says(first, "try first", "1 to 0.85 m", "15 % less reach", "the design also satisfies the original task")
@@ -305,7 +307,7 @@ def test_pairs_are_tried_where_no_limit_suffices_alone(monkeypatch):
         return toy_problem.solve(job)
 
     fields = {"module": {"max_thrust_to_weight": 2.5}, "end_effector": {"mass": 0.1}}
-    task = Task.model_validate(user_task(**fields))
+    task = older_task(user_task(**fields))
     found = relaxed_limits(task, "a300", backends=replace(toy_problem.BACKENDS, solve=solve))
     (pair,) = found.relaxations
     assert {setting.field: setting.share for setting in (pair, *pair.also)} == {

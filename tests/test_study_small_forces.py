@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from older import older_task
 from test_study_proving import Prover, proven, table
 from toy_problem import toy_run
 
@@ -17,20 +18,18 @@ from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, write_report
 from topo_search.compose.binding import BACKENDS
 from topo_search.engine import Failed
-from topo_search.model import Design, Status, Task
+from topo_search.model import Design, Status
 from topo_search.model.files import read_json
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder
 
 FILE = Path(__file__).parent / "designs" / "small-force.json"
 CHEAPER = read_json(Design, FILE)
-TASK = Task.model_validate(
-    {
-        "name": "smallforce",
-        "modules": 2,
-        "load_cases": [{"units": "SI", "com": {"force": [0.0, 0.0, 5.2e-5]}}],
-        "end_effector": {"rod": "none", "mass": 0.0, "position": "com", "exclusion": False},
-    }
+TASK = older_task(
+    name="smallforce",
+    modules=2,
+    load_cases=[{"units": "SI", "com": {"force": [0.0, 0.0, 5.2e-5]}}],
+    end_effector={"rod": "none", "mass": 0.0, "position": "com", "exclusion": False},
 )
 
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 import pytest
 import toy_problem
 from ledger_edit import altered
+from older import older_task
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
 from topo_search.engine import WAIT, Candidates, ExhaustiveSearch, Job, Proposal, Strategy
-from topo_search.model import BadInput, Task, Topology
+from topo_search.model import BadInput, Topology
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.solving import ProposedJobs, Tools
 
@@ -222,9 +223,7 @@ def test_a_region_of_many_corners_has_the_time_that_its_starts_take():
     strut = [[x, y, 0.1 * z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in range(5)]
     pieces = [[[x + 0.2 * k, y, z] for x, y, z in strut] for k in range(96)]
     exposure = {"kind": "local", "pieces": pieces}
-    task = Task.model_validate(
-        {"name": "t", "modules": 3, "load_cases": [{"carries_weight": True}], "exposure": [exposure]}
-    )
+    task = older_task(name="t", modules=3, load_cases=[{"carries_weight": True}], exposure=[exposure])
     job = Job(task.resolve(3), Topology.from_key("a300"), range(2), 0)
     assert job.deadline > 2 * 5 * 137
     assert replace(job, task=toy_task().resolve(3)).deadline == 160.0

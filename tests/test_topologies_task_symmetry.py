@@ -12,9 +12,10 @@ from nlp_cases import HOVER
 from nlp_cases import PUSH as PUSH_CASES
 from nlp_cases import push as push_task
 from numpy.typing import NDArray
+from older import older_task
 
 from nlp import solve
-from topo_search.model import Design, EndEffector, LoadCase, ResolvedTask, Search, Task, Topology, Wrench
+from topo_search.model import Design, EndEffector, LoadCase, ResolvedTask, Search, Topology, Wrench
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
 from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates, count, improper_isometry, resolve_symmetry
@@ -40,7 +41,7 @@ def task_of(
         for f, tau in rows
     ]
     weights = weights or [1.0] * len(wrenches)
-    return Task(
+    return older_task(
         name="made",
         modules=5,
         load_cases=tuple(
@@ -308,7 +309,9 @@ def test_each_quantity_is_compared_on_its_own_scale(seed):
             Local(vertices=tuple(tuple(corner) for corner in values[12:])),
         )
         return (
-            improper_isometry(Task(name="mixed", modules=3, load_cases=tuple(cases), exposure=exposure).resolve(3))
+            improper_isometry(
+                older_task(name="mixed", modules=3, load_cases=tuple(cases), exposure=exposure).resolve(3)
+            )
             is not None
         )
 

@@ -7,6 +7,7 @@ from typing import Any, get_args
 
 import pytest
 from commands import invoke
+from older import older_task
 from own_code import TEXT
 from pydantic import BaseModel
 
@@ -16,7 +17,6 @@ from topo_search import (
     BadInput,
     Design,
     OwnFormat,
-    Task,
     Topology,
     compose,
     export_design,
@@ -171,7 +171,7 @@ def solved(**given: Any) -> Solved:
     forces = ([0.5, 0.0, 0.5], [0.0, 0.5, 0.5])
     cases = [*({"end_effector": {"force": force}} for force in forces), {"com": {"force": [0.0, 0.0, 1.0]}}]
     task = {"name": "push", "modules": 5, "load_cases": cases, "tolerances": {"hinge_angle_deg": 0.2}}
-    return compose.solve(Task.model_validate({**task, **given}), Topology.from_key("a70010"), starts=8, seed=0)
+    return compose.solve(older_task({**task, **given}), Topology.from_key("a70010"), starts=8, seed=0)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from export_cases import drawn_trees, random_design
+from older import older_task
 from verify_cases import design
 
 from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
@@ -129,9 +130,7 @@ def test_a_bracket_that_fits_at_no_hinge_angle_is_told_from_one_that_fits(
 
 
 def test_brackets_that_are_stated_stay_stated_in_a_design() -> None:
-    task = Task.model_validate(
-        {"name": "t", "modules": 2, "load_cases": [{"carries_weight": True}], "module": {"bracket": {}}}
-    )
+    task = older_task(name="t", modules=2, load_cases=[{"carries_weight": True}], module={"bracket": {}})
     given = task.resolve(2)
     assert given.module.bracket is not None
     assert Task.model_validate_json(given.model_dump_json()).module.bracket == given.module.bracket

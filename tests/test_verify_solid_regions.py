@@ -11,6 +11,7 @@ import pytest
 from export_cases import random_design, with_rod
 from nlp_cases import as_point
 from numpy.typing import NDArray
+from older import older_task
 from suites import few
 
 from nlp.evaluation import violations
@@ -18,7 +19,7 @@ from nlp.joints import holder
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
 from nlp.starts.random_starts import draw, generator
-from topo_search.model import Design, Status, Task, Topology
+from topo_search.model import Design, Status, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import to_toml
 from verify import audit, choose_mount
@@ -242,9 +243,7 @@ def test_a_wall_right_behind_a_rotor_is_clear_and_one_right_before_it_is_not() -
 
 def test_a_hub_inside_its_own_airflow_stays_out_of_a_solid_region_that_air_may_enter() -> None:
     speck = {"kind": "local", "radius": 0.005, "solid": True, "geometry": False, "speed": 30.0}
-    task = Task.model_validate(
-        {"name": "t", "modules": 2, "load_cases": [{"carries_weight": True}], "exposure": [speck]}
-    ).resolve(2)
+    task = older_task(name="t", modules=2, load_cases=[{"carries_weight": True}], exposure=[speck]).resolve(2)
     tree = Topology.from_key("a10")
     point = draw(task, tree, rng=generator(task, tree, 0, 0))
     inside = replace(point, tip=point.poses[1][0])
@@ -257,9 +256,11 @@ def test_a_region_that_is_not_solid_is_written_and_audited_as_before() -> None:
     kinds = {pair.kind for pair in audit(given).pairs}
     assert "part-region" not in kinds
     assert "solid" not in to_toml(given.task)
-    solid = Task.model_validate(
-        {"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]}
-        | {"exposure": [{**asked, "solid": True} for shape in SHAPES if (asked := region(shape, 0.0))]}
+    solid = older_task(
+        **(
+            {"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]}
+            | {"exposure": [{**asked, "solid": True} for shape in SHAPES if (asked := region(shape, 0.0))]}
+        )
     )
     assert to_toml(solid).count("solid = true") == len(solid.exposure) > 5
 
@@ -277,8 +278,8 @@ def test_a_rod_may_pass_between_two_bodies_but_not_through_their_hull() -> None:
     jaws = [(corners * [1, side, 1] @ frame).tolist() for side in (1, -1)]
     found = {}
     for name, region in {"hull": {"vertices": jaws[0] + jaws[1]}, "jaws": {"pieces": jaws}}.items():
-        task = Task.model_validate(
-            given.task.model_dump(mode="json") | {"exposure": [{"kind": "local", "solid": True, **region}]}
+        task = older_task(
+            **(given.task.model_dump(mode="json") | {"exposure": [{"kind": "local", "solid": True, **region}]})
         )
         result = audit(given.model_copy(update={"task": task.resolve(3)}))
         found[name] = [(pair.segment, pair.status) for pair in result.pairs if pair.kind == "rod-region"]

@@ -21,6 +21,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from older import older_task
+
 from topo_search.engine import WAIT, Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
 from topo_search.model import (
     Audit,
@@ -32,7 +34,6 @@ from topo_search.model import (
     Sensitivity,
     Shortfall,
     SolverRecord,
-    Task,
     Topology,
     WorstCase,
     Wrench,
@@ -45,7 +46,7 @@ BOUND = 1.0
 
 
 def toy_task(modules=3):
-    return Task(name="toy", modules=modules, load_cases=(LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))),))
+    return older_task(name="toy", modules=modules, load_cases=(LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))),))
 
 
 def _told(variable: str, key: str) -> bool:

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from older import older_task
 
-from topo_search.model import Audit, Design, Status, Task, Topology
+from topo_search.model import Audit, Design, Status, Topology
 from verify.bodies import ConeSphere, clearances
 from verify.kinematics import objective, platform, required_wrench, wrench_map
 
@@ -116,7 +117,7 @@ def design(
     """A design with the least rotor inputs that produce every load case; nothing else is asked of it."""
     n, point = topology.n, {"rod": "none", "largest_reach": False}
     task = {**task, "end_effector": {**point, **task.get("end_effector", {})}}
-    resolved = Task.model_validate({"name": "case", "modules": n, "load_cases": [HOVER], **task}).resolve(n)
+    resolved = older_task({"name": "case", "modules": n, "load_cases": [HOVER], **task}).resolve(n)
     draft = Design(
         task=resolved,
         topology=topology,

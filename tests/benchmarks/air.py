@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from older import older_task
 
 from nlp import default_starts, prepare, solve
 from topo_search.compose import search
@@ -63,15 +64,13 @@ def main() -> None:
 
 
 def _below(**fields: object) -> Task:
-    return Task.model_validate(
-        {
-            "name": "below",
-            "modules": 4,
-            "module": {"torque_coefficient": 1.06e-8},
-            "end_effector": {"position": [0.0, 0.0, -0.6], "rod": "none", "largest_reach": False},
-            "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}],
-            "exposure": [{"kind": "local", "radius": 0.1, **fields}],
-        }
+    return older_task(
+        name="below",
+        modules=4,
+        module={"torque_coefficient": 1.06e-8},
+        end_effector={"position": [0.0, 0.0, -0.6], "rod": "none", "largest_reach": False},
+        load_cases=[{"com": {"force": [0.0, 0.0, 1.0]}}],
+        exposure=[{"kind": "local", "radius": 0.1, **fields}],
     )
 
 

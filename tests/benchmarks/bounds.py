@@ -20,6 +20,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from older import older_task
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.bounds.effort import closed_form
@@ -68,7 +69,7 @@ def main() -> None:
 def pulling(forces: list[list[float]]) -> Task:
     """Return a task of five modules with these forces at the end-effector."""
     cases: list[dict[str, Any]] = [{"end_effector": {"force": force}} for force in forces]
-    return Task.model_validate({"name": "pulling", "modules": 5, "load_cases": cases})
+    return older_task(name="pulling", modules=5, load_cases=cases)
 
 
 def print_gap(name: str, task: ResolvedTask, starts: int) -> None:

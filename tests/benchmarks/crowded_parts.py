@@ -20,6 +20,7 @@ from collections.abc import Iterator
 import networkx as nx
 import numpy as np
 from numba import njit
+from older import older_task
 from untangling import overlaps
 
 from nlp.bounds.branch import frames
@@ -27,7 +28,7 @@ from nlp.bounds.branch.arrays import BranchProblem, centre, reroot, to_arrays, w
 from nlp.bounds.branch.crowded import EVERYWHERE, NOWHERE, crowding
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
-from topo_search.model import ResolvedTask, Task, Topology
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies import sample
 
@@ -68,7 +69,7 @@ def task_of(n: int, connector_distance: float) -> ResolvedTask:
     """Return a task of n modules that hovers; only its clearances matter."""
     hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
     module = {"connector_distance": connector_distance}
-    return Task.model_validate({"name": "hover", "modules": n, "module": module, "load_cases": hover}).resolve(n)
+    return older_task(name="hover", modules=n, module=module, load_cases=hover).resolve(n)
 
 
 def crowded_part(task: ResolvedTask, topology: Topology, starts: int) -> Topology | None:

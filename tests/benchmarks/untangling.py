@@ -13,11 +13,12 @@ import argparse
 import time
 
 import numpy as np
+from older import older_task
 
 from nlp.numbers.point import Point
 from nlp.requirements.modules import module_clearances
 from nlp.starts.random_starts import draw, generator
-from topo_search.model import ResolvedTask, Task, Topology
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies import sample
 
@@ -56,7 +57,7 @@ def main() -> None:
             }
             if not arguments.body_clearance:
                 fields["search"]["body_clearance"] = False
-            task = Task.model_validate(fields).resolve(n)
+            task = older_task(fields).resolve(n)
             fewest, first, seconds = [], 0, []
             for topology in sample(n, arguments.trees, seed=0):
                 counts = []

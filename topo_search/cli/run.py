@@ -154,6 +154,7 @@ def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[s
         "folder": str(answer.folder),
         "exit_status": answer.exit_status,
         "best": answer.best and asdict(answer.best),
+        "fragile": [entry.model_dump(mode="json") for entry in answer.fragile],
         "note": answer.note,
         "weakest_point": answer.weakest_point,
         "air": answer.air,

@@ -10,7 +10,9 @@ from typing import Any
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
+from topo_search.model.flying import DROPPED
 from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, upper_text
+from topo_search.report.headline import fragile_margins
 from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
 from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
 from topo_search.study.columns import proven_cell
@@ -23,7 +25,9 @@ def answer_lines(answer: Answer) -> Iterator[str]:
     """Yield the results of a run, its folder, and sentences about the best design."""
     yield from result_lines(answer)
     yield f"everything is in {answer.folder}"
-    for text in (answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
+    margins = ", ".join(fragile_margins(answer.audit, answer.design))
+    fragile = f"fragile: {f'{DROPPED}; ' if answer.fragile else ''}{margins}" if margins else None
+    for text in (fragile, answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
         if answer.best is not None and text is not None:
             yield f"{answer.best.key}: {text}"
 

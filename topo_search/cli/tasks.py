@@ -20,11 +20,10 @@ from topo_search.report.wording import figures, quantity
 
 @command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
 @click.argument("file", type=options.FILE, metavar="[FILE]", default="task.toml")
+@click.option("--full", is_flag=True, help="Write every field with its default, unit and meaning.")
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
-def init(file: Path, force: bool) -> None:
-    """Write a commented task file to start from.
-
-    FILE (default: task.toml) has every field of a task, with its default, its unit and its meaning.
+def init(file: Path, full: bool, force: bool) -> None:
+    """Write a task file to start from, FILE (default: task.toml): a platform that pushes while it hovers.
 
     Exit status: 0 written; 2 bad input.
     """
@@ -35,7 +34,7 @@ def init(file: Path, force: bool) -> None:
         raise ts.BadInput(str(file), "already exists; --force overwrites it")
     options.require_writable(file, "FILE")
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
-    write_atomically(file, task_template(name or "task"))
+    write_atomically(file, task_template(name or "task", full=full))
     click.echo(f"wrote {file}; explain it with: topo-search check {file}")
 
 

@@ -49,6 +49,7 @@ from typing import Literal
 import numpy as np
 
 from topo_search.export import allocator
+from topo_search.export.hover import Hover
 from topo_search.model.arrays import ROTOR_SPINS, Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
@@ -58,6 +59,8 @@ from verify.flight.joints import inertia
 from verify.kinematics import Platform, platform
 
 RANK_TOLERANCE = 1e-9
+LEAST_ACC_HOR = 2.0
+"""Smallest value of PX4's MPC_ACC_HOR and MPC_ACC_HOR_MAX [m/s^2]; the largest is 15."""
 """Singular values below this share of the largest count as zero; rounding makes them positive."""
 UNITS = {
     "matrix": "N and N m per rad^2/s^2",
@@ -119,6 +122,8 @@ class Allocation(Value):
     """Largest squared speed of a rotor [rad^2/s^2]."""
     least_input: Number
     """Smallest squared speed of a running rotor [rad^2/s^2]."""
+    side_force_N: Number = 0.0
+    """Largest horizontal force that can be added to hover at the centre of mass, in any direction [N]."""
     mass_kg: Number
     com_m: Vector
     inertia_kg_m2: tuple[Vector, Vector, Vector]
@@ -174,6 +179,7 @@ def allocation(design: Design) -> Allocation:
         )
         for j in range(4 * n)
     ]
+    hover = Hover(B_T, k_f * u_max, module.min_input, task.force_unit(n), module.arm_length)
     return Allocation(
         matrix=(k_f * B_T).tolist(),
         pseudo_inverse=(inverse / k_f).tolist(),
@@ -182,6 +188,7 @@ def allocation(design: Design) -> Allocation:
         rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
         largest_input=u_max,
         least_input=task.min_input,
+        side_force_N=hover.weakest_force()[0],
         mass_kg=task.total_mass(n),
         com_m=poses.p_com.tolist(),
         inertia_kg_m2=J.tolist(),
@@ -256,6 +263,12 @@ def px4_warnings(platform_data: Allocation) -> tuple[str, ...]:
             f"PX4 ignores {' and '.join(weak)}, because no rotor contributes more than {WEAK:g}: multiply all "
             "CA_ROTORi_CT by the same factor, which changes nothing else"
         )
+    side = platform_data.side_force_N / platform_data.mass_kg
+    if platform_data.rank == len(AXES) and side < LEAST_ACC_HOR:  # others tilt to accelerate
+        warnings.append(
+            f"PX4 asks for horizontal accelerations of at least {LEAST_ACC_HOR:g} m/s^2 (MPC_ACC_HOR), but in "
+            f"hover the rotors can only produce {side:.2g} m/s^2 in any direction"
+        )
     return tuple(warnings)
 
 
@@ -300,6 +313,9 @@ def px4_parameters(platform_data: Allocation) -> str:
     lines.append(f"1\t1\tCA_ROTOR_COUNT\t{len(platform_data.rotors)}\t6")
     if 0.1 <= hover <= 0.8:  # the range of MPC_THR_HOVER
         lines.append(f"1\t1\tMPC_THR_HOVER\t{hover:.9g}\t9")
+    side = platform_data.side_force_N / platform_data.mass_kg
+    if side >= LEAST_ACC_HOR:
+        lines += [f"1\t1\t{name}\t{min(side, 15.0):.9g}\t9" for name in ("MPC_ACC_HOR", "MPC_ACC_HOR_MAX")]
     faults = []
     for j, rotor in enumerate(platform_data.rotors):
         for suffix, value, low, high in _px4_rotor_parameters(rotor):

@@ -31,6 +31,7 @@ from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
+from topo_search.model.joint_mass import strut_width
 from topo_search.model.mesh import rotation_to
 from topo_search.model.module import Module
 from topo_search.model.value import BadInput, Fault
@@ -109,11 +110,9 @@ def struts(design: Design) -> list[PrintedPart]:
     if design.mount is not None and rod_of(design, platform(design)) is not None:
         used_ports.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
-    disc_clearance = 0.002  # of a strut from the adjacent rotor discs [m]
-    room = module.arm_length / math.sqrt(2) - module.body.rotor_radius - disc_clearance
-    width = min(module.body.arm_width / 2, sizes.half_width)
+    width = strut_width(module)
     lengths = Counter(module.body.hub[port % 2] / 2 for port in used_ports)
-    if module.body.frame is not None or room <= sizes.half_width:
+    if not width:
         return []
     return [
         PrintedPart(

@@ -20,6 +20,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.html import paragraph, table
+from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text
 from topo_search.model.topology import PORT_NAMES
@@ -289,8 +290,6 @@ def _direction(v: Array) -> str:
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
 ListedPart = tuple[str, int | str, str, str, str, str]
 """Cells of a part, in the order of `COLUMNS`."""
-PLASTIC, STEEL = 1240.0, 7850.0
-"""Densities of printed PLA and of bolts [kg/m^3]."""
 ABOUT_PARTS = (
     "Masses of printed parts are for solid PLA, those of bolts with nuts for steel. A bolt is long enough for a "
     "flange, a module face of the same thickness, and a nut. The last row is the mass used by search and audit."
@@ -341,18 +340,8 @@ def parts_csv(rows: Sequence[ListedPart]) -> str:
     return csv_text(COLUMNS, rows)
 
 
-def bolt_of(hole: float, grip: float) -> tuple[float, float]:
-    """Return diameter and length of a bolt [mm], for a hole diameter and a clamped thickness [m]."""
-    threads = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)  # diameters of metric bolts
-    lengths = (4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100)
-    d = max((thread for thread in threads if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
-    shortest = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and the bolt protrudes by 1 mm
-    return d, next((length for length in lengths if length >= shortest), math.ceil(shortest))
-
-
 def _bolt_row(name: str, count: int, d: float, length: float) -> ListedPart:
-    volume = math.pi / 4 * (d**2 * length + (1.8 * d) ** 2 * d + ((1.7 * d) ** 2 - d**2) * 0.8 * d)
-    return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
+    return _row(name, count, f"M{d:g} x {length:g}", bolt_mass(d, length))
 
 
 def _part_row(part: PrintedPart) -> ListedPart:

@@ -26,9 +26,9 @@ from pydantic import (
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.end_effector import Mount
-from topo_search.model.features import Relaxed, design_html
+from topo_search.model.features import Relaxed, design_html, with_older_defaults
 from topo_search.model.proven import at_least, lower_text, upper_text
-from topo_search.model.task import ResolvedTask, Task, with_older_defaults
+from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import Joint, Topology
 from topo_search.model.value import (
     OMIT_EMPTY,

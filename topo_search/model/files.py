@@ -15,7 +15,7 @@ from topo_search.limits import LIMITS
 from topo_search.model.design import Design, Geometry
 from topo_search.model.task import Task
 from topo_search.model.text import Folder, NotReadable, json_data, read_text
-from topo_search.model.value import BadInput, as_bad_input, faults_of
+from topo_search.model.value import BadInput, as_bad_input, every_field, faults_of
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -78,13 +78,13 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
 
 
 def to_toml(task: Task) -> str:
-    """Return a task as TOML text, with all defaults except those that derive from other fields.
+    """Return a task as TOML text with every field, except those that derive from others.
 
     >>> from topo_search import read_task
     >>> print(to_toml(read_task("push")).splitlines()[0])
     name = "push"
     """
-    return tomli_w.dumps(task.model_dump(mode="json", exclude_none=True))
+    return tomli_w.dumps(every_field(task, none=False))
 
 
 def to_json(value: BaseModel) -> str:

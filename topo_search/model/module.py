@@ -71,7 +71,8 @@ class Module(Value):
     joint_force: Omitted[Positive] = None
     """Rated force of a joint [N]."""
     joint_mass: Annotated[NonNegative, omit_if(0.0)] = 0.0
-    """Mass of a joint (bracket, struts and bolts), located at its connector [kg]."""
+    """Mass of a joint (bracket, struts and bolts), located at its connector [kg]; default of a new task: that of a
+    kit's parts."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Minimum squared speed of a running rotor, as a share of the maximum; a failed rotor is exempt."""
     wake_loss: Annotated[NonNegative, omit_if(0.37)] = 0.37

@@ -100,6 +100,13 @@ class AskedFlight(Value):
     """Largest force in a joint [N]; `rated`: module.joint_force."""
     grows: Annotated[Flag, OMIT_EMPTY] = False
     """True if reserves scale with the platform's weight if a rod counts. Set in designs, not in tasks."""
+    defaults: Annotated[Literal[True, False] | tuple[str, ...], OneOf("must be true or false"), omit_if(True)] = (
+        True
+    )
+    """True if a task that carries the weight asks for what flying needs where it leaves a field of [flight],
+    [tolerances] or module.min_input out; false: for nothing. A run lists the fields that were left out."""
+    dropped: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
+    """Defaults of flying tasks that no design holds, so that this one was solved without. Set in designs."""
     tolerances: Omitted[Flag] = None
     """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
     false: they are only measured; default: true for a new task with tolerances, false for older files."""
@@ -111,9 +118,14 @@ class AskedFlight(Value):
         return any(size > 0 for size in sizes)
 
     @property
+    def filled(self) -> tuple[str, ...]:
+        """Fields that the task left out and that have the default of flying tasks."""
+        return self.defaults if isinstance(self.defaults, tuple) else ()
+
+    @property
     def asks(self) -> bool:
         """True if any capability is required."""
-        options = {"units", "around", "at", "directions", "allocator", "grows"}
+        options = {"units", "around", "at", "directions", "allocator", "grows", "defaults", "dropped"}
         return self != AskedFlight(**{name: getattr(self, name) for name in options})
 
     def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
@@ -122,10 +134,12 @@ class AskedFlight(Value):
         `grows`: True if m_t depends on the design.
         """
         if not self.asks:
-            return AskedFlight()
+            return AskedFlight(dropped=self.dropped)
         f, t = (force_unit, torque_unit) if self.units == "weight" else (1.0, 1.0)
+        f = force_unit if "flight.force_reserve" in self.filled else f
         changed: dict[str, object] = {
             "units": "SI",
+            "defaults": True,
             "force_reserve": self.force_reserve * f,
             "torque_reserve": self.torque_reserve * t,
             "grows": self.grows or (grows and self.units == "weight"),

@@ -15,12 +15,30 @@ import math
 import re
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from topo_search.limits import LIMITS
 from topo_search.model.end_effector import CountedRod, EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
-from topo_search.model.features import GOALS, TASK_RULES, AskedFlight, Goals, Level, Tolerances
+from topo_search.model.features import (
+    GOALS,
+    TASK_RULES,
+    AskedFlight,
+    Goals,
+    Level,
+    Tolerances,
+    joint_mass,
+    with_defaults,
+)
 from topo_search.model.folds import Folds, folds_text, intersect
 from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
@@ -46,6 +64,7 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
+    every_field,
     omit_if,
     show,
 )
@@ -86,7 +105,7 @@ class Task(Value):
     """Density of air [kg/m^3]; omitted from files where it is the default."""
     task_seed: Index | None = None
     """Seed of the random load cases of load_cases = "ten-wrenches"."""
-    module: Module = Module()
+    module: Annotated[Module, Field(validate_default=True)] = Module()
     """Module of the platform."""
     end_effector: EndEffector = EndEffector()
     """End-effector."""
@@ -96,35 +115,38 @@ class Task(Value):
     """Regions that airflow must stay out of, or inside."""
     search: Search = Search()
     """Options of the search."""
-    flight: Annotated[AskedFlight, omit_if(AskedFlight())] = AskedFlight()
-    """Required capabilities beyond the load cases; omitted from files if empty."""
-    tolerances: Annotated[Tolerances, omit_if(Tolerances())] = Tolerances()
-    """Build errors to survive, unless `flight.tolerances = false`; omitted from files if empty."""
+    flight: AskedFlight = AskedFlight()
+    """Required capabilities beyond the load cases."""
+    tolerances: Tolerances = Tolerances()
+    """Build errors to survive, unless `flight.tolerances = false`."""
     goals: Annotated[Goals, omit_if(Goals())] = Goals()
     """Goals besides control effort; omitted from files if empty."""
 
     @field_validator("module")
     @classmethod
-    def _thrust_by_weight(cls, module: Module, info: ValidationInfo) -> Module:
-        """Fill in `max_thrust_to_weight` from `max_thrust`, unless gravity is invalid."""
-        fields, gravity = module.model_fields_set, info.data.get("gravity")
-        if module.max_thrust is None or "max_thrust_to_weight" in fields or gravity is None:
-            return module
-        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * gravity))
+    def _derived_fields(cls, module: Module, info: ValidationInfo) -> Module:
+        """Fill in `joint_mass` of a new task, and `max_thrust_to_weight` from `max_thrust` if gravity is valid."""
+        fields, gravity, derived = module.model_fields_set, info.data.get("gravity"), dict[str, float]()
+        if cls is Task and "joint_mass" not in fields:
+            derived["joint_mass"] = joint_mass(module)
+        if module.max_thrust is not None and "max_thrust_to_weight" not in fields and gravity is not None:
+            derived["max_thrust_to_weight"] = 4 * module.max_thrust / (module.mass * gravity)
+        return module.replace(**derived) if derived else module
 
     @model_validator(mode="before")
     @classmethod
-    def _require_tolerances(cls, data: Any) -> Any:
-        """Require the tolerances of a new task by default; a resolved task has the field already."""
-        if cls is not Task or not isinstance(data, dict):
-            return data
-        tolerances, flight = (
-            part.model_dump(exclude_unset=True) if isinstance(part, Value) else part
-            for part in (data.get("tolerances"), data.get("flight", {}))
-        )
-        if not isinstance(tolerances, dict) or not any(tolerances.values()) or not isinstance(flight, dict):
-            return data
-        return {**data, "flight": {"tolerances": True, **flight}}
+    def _fill_in(cls, data: Any) -> Any:
+        """Fill in the defaults of a new task; a resolved task has every field already."""
+        return with_defaults(data) if cls is Task and isinstance(data, dict) else data
+
+    @model_serializer(mode="wrap")
+    def _write_every_field(self, write: SerializerFunctionWrapHandler) -> Any:
+        """Return all fields of a new task that have a value: those that are left out have defaults of their own."""
+        written = write(self)
+        if type(self) is not Task:
+            return written
+        values = ((name, every_field(getattr(self, name), none=False)) for name in written)
+        return {name: value for name, value in values if value is not None}
 
     def _broken_rules(self) -> Broken:
         if not self.sizes:
@@ -399,6 +421,8 @@ class ResolvedTask(Task):
     modules: Count
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty]
+    flight: Annotated[AskedFlight, omit_if(AskedFlight())] = AskedFlight()
+    tolerances: Annotated[Tolerances, omit_if(Tolerances())] = Tolerances()
 
     @property
     def attitude(self) -> str:
@@ -461,13 +485,3 @@ class ResolvedTask(Task):
     def accelerations(self) -> tuple[Vector, ...]:
         """Angular acceleration of the platform in each load case, besides its wrench [rad/s^2]; zero here."""
         return ((0.0, 0.0, 0.0),) * len(self.load_cases)
-
-
-def with_older_defaults(data: Any) -> Any:
-    """Return the data of a task in a run or design file, with the default of older files for `flight.tolerances`.
-
-    Before tolerances were required by default, they were only measured. Newer files always have the field.
-    """
-    if not isinstance(data, dict) or not isinstance(flight := data.get("flight", {}), dict):
-        return data
-    return {**data, "flight": {"tolerances": None, **flight}}

@@ -62,9 +62,10 @@ def examples() -> list[str]:
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
-def task_template(name: str) -> str:
-    """Return a commented task file to start from: every field with its default and meaning."""
-    text = (resources.files("topo_search.model") / "template.toml").read_text(encoding="utf-8")
+def task_template(name: str, *, full: bool = False) -> str:
+    """Return a commented task file to start from; `full`: every field with its default and meaning."""
+    file = "template.toml" if full else "first_task.toml"
+    text = (resources.files("topo_search.model") / file).read_text(encoding="utf-8")
     return text.replace('name = "task"', f'name = "{name}"', 1)
 
 
@@ -74,6 +75,7 @@ SETTING = re.compile(r"\s*([A-Za-z_]\w*(?:\.\w+|\[\d+\])*)\s*=(.*)", re.DOTALL)
 PAPER = (
     "search.root=paper",
     "search.margin=0",
+    "flight.defaults=false",
     "search.body_clearance=false",
     "end_effector.rod=none",
     "end_effector.largest_reach=false",

@@ -383,11 +383,12 @@ Omitted = Annotated[Type | None, Field(exclude_if=lambda value: value is None)]
 Entries = TypeVar("Entries", bound=tuple[Any, ...])
 
 
-def every_field(value: Any) -> Any:
-    """Return a value as JSON data with the fields that files may omit."""
+def every_field(value: Any, *, none: bool = True) -> Any:
+    """Return a value as JSON data with the fields that files may omit; `none`: those without a value, too."""
     if isinstance(value, BaseModel):
-        return {name: every_field(getattr(value, name)) for name in type(value).model_fields}
-    return [every_field(entry) for entry in value] if isinstance(value, tuple) else value
+        fields = ((name, getattr(value, name)) for name in type(value).model_fields)
+        return {name: every_field(field, none=none) for name, field in fields if none or field is not None}
+    return [every_field(entry, none=none) for entry in value] if isinstance(value, tuple) else value
 
 
 def _not_empty(entries: Entries) -> Entries:

@@ -16,6 +16,7 @@ from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
+from topo_search.model.flying import find_missed
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report import Tile, json_in_script
@@ -39,15 +40,15 @@ FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
 """A clear design with a smaller clearance [m] or a smaller hinge tolerance [deg] is called fragile."""
 
 
-def fragile_margins(audit: Audit | None) -> tuple[str, ...]:
-    """Return the proven margins of a clear design that are too small to build it safely, in words."""
+def fragile_margins(audit: Audit | None, design: Design | None = None) -> tuple[str, ...]:
+    """Return why a clear design is fragile: defaults that it misses, and margins too small to build it safely."""
     if audit is None or audit.verdict != "clear":
         return ()
     hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
-    margins = []
+    margins = [] if design is None else [missed.words for missed in find_missed(design, audit)]
     if (nearest := closest(audit)) is not None and _proven_clearance(nearest) < FRAGILE_M:
         margins.append(f"smallest clearance {clearance(nearest)}")
-    if hinge is not None and hinge < FRAGILE_DEG:
+    if hinge is not None and hinge < FRAGILE_DEG and not any("hinge" in margin for margin in margins):
         margins.append(f"hinge tolerance {rounded_down(hinge, '°')}")
     return tuple(margins)
 

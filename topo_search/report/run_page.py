@@ -11,6 +11,7 @@ import verify
 from topo_search.export.audits import broken_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.model import Audit, BadInput, Geometry, Infeasible
+from topo_search.model.flying import DROPPED
 from topo_search.model.proven import NOT_CERTIFIED, at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
@@ -79,6 +80,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "miss": None if shown else _miss(folder),
         "tiles": tiles,
         "notes": (
+            *([sentence(DROPPED)] if answer.fragile else []),
             *_user_inputs(request.user_inputs),
             *_merge_note(answer.sizes),
             *(note for size in answer.sizes for note in _size_notes(size, shown)),

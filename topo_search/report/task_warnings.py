@@ -285,7 +285,6 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
         _module(task.module),
         _bracket(task.module),
         _rod(task, n),
-        _rod_mass(task),
         _lengths(task, n),
     )
     requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task))
@@ -373,18 +372,6 @@ def _rod(task: Task, n: int) -> Doubts:
             f"{allowed} rods longer than {stiff_length:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
             f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
             "task and its own weight",
-        )
-
-
-def _rod_mass(task: Task) -> Doubts:
-    """Yield a rod's mass that is ignored unsaid, but whose moment required torque reserves have to cover."""
-    rod, flights = task.end_effector, [task.at(level).flight for level in task.goals.levels]
-    reserves = any(f.torque_reserve or (f.rotor_out != "none" and f.rotor_out_torque != 0) for f in flights)
-    if rod.rod == "straight" and "rod_mass" not in rod.model_fields_set and rod.rod_linear_density and reserves:
-        yield (
-            "end_effector.rod_mass",
-            "with torque reserves required, the audit rejects designs whose rod, ignored by the search, takes more "
-            'than that by its weight: set it to "included", or to "ignored" if that is meant',
         )
 
 

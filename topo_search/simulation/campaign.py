@@ -12,7 +12,6 @@ from importlib.metadata import version
 from typing import get_args
 
 import numpy as np
-from scipy.optimize import linprog
 
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -31,34 +30,6 @@ from verify.requirements import Scene
 
 HOVER_TOLERANCE = 1e-3
 """Largest residual of the hover wrench by least squares, in weights and arm lengths times weights."""
-
-
-def weakest_force(nominal: Nominal) -> tuple[float, Array]:
-    """Return the weakest horizontal force that can be added to hover at the COM [N], and its direction, (3,).
-
-    A linear program over the thrusts gives the force in each of 24 evenly spaced directions.
-    """
-    forces, directions = [], 24
-    for k in range(directions):
-        angle = 2 * math.pi * k / directions
-        d = np.array([math.cos(angle), math.sin(angle), 0.0])
-        forces.append((load_factor(nominal, np.append(d, np.zeros(3))), k, d))
-    force, _, d = min(forces, key=lambda candidate: candidate[:2])
-    return force, d
-
-
-def load_factor(nominal: Nominal, wrench: Array) -> float:
-    """Return the largest multiple of a wrench about the COM, (6,), that can be added to hover; inf for zero."""
-    if not wrench.any():
-        return math.inf
-    N, W = nominal.B.shape[1], nominal.weight
-    hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    scale = np.repeat([1.0, nominal.arm], 3) * W
-    norm = float(np.linalg.norm(wrench / scale))
-    A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -wrench / scale / norm])
-    bounds = [(nominal.least_share, 1)] * N + [(0, None)]
-    solution = linprog(np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=bounds)
-    return float(solution.x[-1]) / norm + 0.0 if solution.status == 0 else 0.0  # never -0.0
 
 
 def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, float]:
@@ -159,7 +130,7 @@ def fly_all(
     _require_hover(design, model)
     wakes = worst_wakes(design) if options.wake else ()
     options = replace(options, errors=replace(options.errors, wakes=wakes))
-    force, d = weakest_force(model)
+    force, d = model.hover.weakest_force()
     rotor, out = hardest_rotor(model), static_failures(model, design.task.flight.rotor_out_torque)
     results: list[ScenarioResult] = []
     flown: list[FlownScenario] = []
@@ -226,11 +197,11 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario
         rotor: the rotor that fails.
         rotor_out: whether the failure must be survived even if the task does not require it.
     """
-    tilt = design.task.flight.tilt_deg
+    tilt, reserve = design.task.flight.tilt_deg, "flight.force_reserve" not in design.task.flight.dropped
     planned: list[scenarios.Scenario | ScenarioResult] = [
-        *scenarios.hover_scenarios(),
+        *scenarios.hover_scenarios(counts=reserve),
         *scenarios.tilts(tilt or scenarios.TILT, counts=tilt > 0),
-        scenarios.gust(nominal(design)),
+        scenarios.gust(nominal(design), counts=reserve),
     ]
     solid = any(region.solid for region in design.task.exposure)
     weakest = _weakest_corners(design)
@@ -258,7 +229,7 @@ def _weakest_corners(design: Design) -> set[tuple[int, int]]:
     for k, case in enumerate(design.task.load_cases):
         if scenarios.imbalance(design, case) is None:
             loads = [model.about_com(scenarios.tip_wrench(corner)) for corner in case.corners]
-            factors += [(load_factor(model, load), k, number) for number, load in enumerate(loads)]
+            factors += [(model.hover.load_factor(load), k, number) for number, load in enumerate(loads)]
     return {(k, number) for _, k, number in sorted(factors)[:CORNERS]}
 
 

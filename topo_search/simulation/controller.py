@@ -13,6 +13,8 @@ r"""Pose controller for a fully actuated platform, and its thrust allocation.
 | e_R, e_omega | errors of attitude (T. Lee et al., CDC 2010) and rate, body axes | (3,) | rad, rad/s |
 | omega_p, omega_a | bandwidths; both loops are critically damped, integral action is eight times slower | | rad/s |
 | F_k, tau_k | feedforward of the wrench exerted on the environment, about the COM | (3,) | N, N m |
+| a | acceleration asked for: the bracket of F without gravity; its horizontal part is limited to what the rotors
+      can produce in hover in any direction, as autopilots do | (3,) | m/s^2 |
 | s | thrusts over the largest, by bounded least squares | (N,) | |
 
 The least squares scale forces by the weight m g and torques by l_arm m g, and weight torques ten times as much,
@@ -90,6 +92,9 @@ class Controller:
         e_p *= min(1.0, LARGEST_POSITION_ERROR / max(float(np.linalg.norm(e_p)), 1e-12))
         e_R *= min(1.0, LARGEST_ATTITUDE_ERROR / max(float(np.linalg.norm(e_R)), 1e-12))
         a = -(wp**2) * e_p - 2 * wp * v - wp**3 / INTEGRAL_RATIO * (projection @ self.integral_p)
+        sideways = float(np.hypot(a[0], a[1]))
+        if sideways > self.nominal.side_acceleration:
+            a[:2] *= self.nominal.side_acceleration / sideways
         F = m * (a + np.array([0.0, 0.0, self.nominal.gravity])) + reference.wrench[:3]
         alpha = -(wa**2) * e_R - 2 * wa * omega - wa**3 / INTEGRAL_RATIO * self.integral_R
         tau = J @ alpha + cross(omega, J @ omega) + R.T @ reference.wrench[3:]

@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from xml.etree import ElementTree
 from xml.etree.ElementTree import SubElement
 
@@ -20,6 +21,7 @@ import mujoco
 import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.hover import Hover
 from topo_search.export.mjcf import Physics, mjcf, numbers
 from topo_search.export.poses import mass_of, rod_of
 from topo_search.model.arrays import Array, read_only
@@ -68,6 +70,16 @@ class Nominal:
     def weight(self) -> float:
         """m g [N]."""
         return self.mass * self.gravity
+
+    @cached_property
+    def hover(self) -> Hover:
+        """What can be added to hover."""
+        return Hover(self.B, self.largest_thrust, self.least_share, self.weight, self.arm)
+
+    @cached_property
+    def side_acceleration(self) -> float:
+        """Horizontal acceleration that the rotors can produce in hover, in any direction [m/s^2]."""
+        return self.hover.weakest_force()[0] / self.mass
 
     def about_com(self, at_tip: Array) -> Array:
         """Return a wrench at the end-effector, (6,), as one about c, in the task's attitude."""

@@ -67,12 +67,12 @@ class Scenario:
 SIDES = {"+x": (1.0, 0.0), "+y": (0.0, 1.0), "-x": (-1.0, 0.0), "-y": (0.0, -1.0)}
 
 
-def hover_scenarios() -> list[Scenario]:
-    """Return hover, and returns from four sides with initial tilt."""
+def hover_scenarios(*, counts: bool) -> list[Scenario]:
+    """Return hover, and returns from four sides with initial tilt; `counts`: whether these count."""
     scenarios = [Scenario("hover", 5.0, 1.0)]
     for name, (x, y) in SIDES.items():
         start, axis = OFFSET * np.array([x, y, 0.0]), np.array([-y, x, 0.0])
-        scenarios.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
+        scenarios.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis, counts=counts))
     return scenarios
 
 
@@ -84,11 +84,11 @@ def tilts(size: float, *, counts: bool) -> list[Scenario]:
     ]
 
 
-def gust(nominal: Nominal) -> Scenario:
+def gust(nominal: Nominal, *, counts: bool) -> Scenario:
     """Return hover in a gust: a step of force and torque that lasts a second."""
     W = nominal.weight
     wind = np.array([GUST_FORCE * W, 0.0, 0.0, 0.0, 0.0, GUST_TORQUE * nominal.arm * W])
-    return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind)
+    return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind, counts=counts)
 
 
 def dead_rotor(rotor: int, *, counts: bool) -> Scenario:

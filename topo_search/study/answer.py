@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topo_search.model import Audit, Design
-from topo_search.model.features import FastAir, Level, Relaxed
+from topo_search.model.features import FastAir, Level, Missed, Relaxed, find_missed
 from topo_search.model.proven import gap_percent
 from topo_search.study.ledger import Row
 from topo_search.study.pareto import FrontPoint, idle_goals
@@ -186,6 +186,11 @@ class Answer:
             return "the smallest requested size"
         proven = "proven" if all(size.impossible for size in fewer) else "not proven"
         return f"the smallest size with a design ({proven} that fewer, down to {fewer[0].modules}, have none)"
+
+    @property
+    def fragile(self) -> tuple[Missed, ...]:
+        """Defaults of flying tasks that `design` misses, as no design holds them; empty if one does."""
+        return () if self.design is None or self.audit is None else find_missed(self.design, self.audit)
 
     @property
     def note(self) -> str | None:

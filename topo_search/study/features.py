@@ -38,7 +38,7 @@ def sampled_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> S
         round_size=request.round_size,
         starts=request.starts,
         seed=request.seed,
-        journal=folder.journal(f"study-n{n}.journal"),
+        journal=folder.journal(f"study-n{n}{'-on-paper' * (request.asked is not None)}.journal"),
         timed=timed,
     )
 

@@ -11,14 +11,14 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Task
+from topo_search.model.features import with_older_defaults
 from topo_search.model.files import load_text, to_toml, validate, write_atomically
-from topo_search.model.task import with_older_defaults
 from topo_search.model.text import csv_text, toml_data
 from topo_search.model.value import as_bad_input, faults_of
 from topo_search.study.directory import ReadOnlyFolder, RunFile, lock
@@ -130,7 +130,7 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def open(cls, path: Path, request: Request) -> Iterator[Self]:
+    def open(cls, path: Path, request: Request) -> Iterator[RunFolder]:
         """Create a run's folder, or open it to resume the run.
 
         Raises:
@@ -145,6 +145,7 @@ class RunFolder:
                         path / RunFile.LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True))
                     )
         with cls.load(path, request, writes=True) as folder:
+            folder = cls(path, request, folder.ledger)
             folder._files.require((*RunFile.RESULTS, *(f"best-n{n}.json" for n in request.task.sizes)))
             folder.ledger.set_request(request.starts, request.trials)
             folder.write_file(RunFile.TASK, to_toml(request.task))
@@ -152,7 +153,7 @@ class RunFolder:
 
     @classmethod
     @contextmanager
-    def load(cls, path: Path, request: Request | None = None, *, writes: bool = False) -> Iterator[Self]:
+    def load(cls, path: Path, request: Request | None = None, *, writes: bool = False) -> Iterator[RunFolder]:
         """Open the folder of an existing run.
 
         Args:
@@ -177,7 +178,32 @@ class RunFolder:
             else:
                 require_versions(path, ledger)
             require_same(path, request, ledger)
-            yield cls(path, request, ledger)
+            yield cls(path, request, ledger).answering
+
+    @property
+    def asked(self) -> RunFolder | None:
+        """The folder of the same run with the defaults of flying tasks, if it went on without them."""
+        return None if self.request.asked is None else RunFolder(self.path, self.request.asked, self.ledger)
+
+    @property
+    def on_paper(self) -> RunFolder:
+        """The folder of the same run without the defaults of flying tasks."""
+        return RunFolder(self.path, self.request.on_paper, self.ledger)
+
+    @property
+    def answering(self) -> RunFolder:
+        """This folder, or `on_paper` if no design holds the defaults and the run has gone on without them."""
+        if not self.request.task.flight.filled or self.has_clear:
+            return self
+        on_paper = self.on_paper
+        contexts = (level.request.contexts(n)[0] for level in on_paper.levels for n in level.request.task.sizes)
+        return on_paper if any(map(self.ledger.bound, contexts)) else self
+
+    @property
+    def has_clear(self) -> bool:
+        """True if a design has a clear audit."""
+        sizes = self.request.task.sizes
+        return any(level.ledger.best_clear(n) is not None for level in self.levels for n in sizes)
 
     @cached_property
     def levels(self) -> tuple[RunFolder, ...]:

@@ -479,7 +479,7 @@ def _missed(backends: Backends, numbered_job: tuple[int, int, Job]) -> float | N
 
 
 def find_causes(folder: RunFolder, tools: Tools) -> None:
-    """Find and store the limits that prevent a design, if no size has one, and the platform that came closest.
+    """Find and store limits and nearest miss, if no size has a design that holds the defaults of flying tasks.
 
     Limits are relaxed for the two largest sizes only, once their search is complete; a size where every candidate
     failed is skipped. Limits whose attempts failed are tried again.
@@ -491,6 +491,9 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
     request, ledger = folder.request, folder.ledger
     sizes = list(request.task.sizes)
     if any(row.feasible for n in sizes for row in ledger.ranking(n)):
+        if folder.asked is not None:
+            find_causes(folder.asked.levels[0], tools)
+            return
         folder.remove_files(RunFile.RELAXED)
         folder.write_file(RunFile.CLOSEST, None)
         folder.write_file(RunFile.CLOSEST_AUDIT, None)
@@ -534,8 +537,10 @@ def _misses(folder: RunFolder, n: int) -> Iterator[tuple[float, str, Row]]:
 
 
 def add_causes(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
-    """Return the answer of a size with the limits that prevent a design, if it has none."""
-    return size if size.feasible else replace(size, relaxed=causes(folder, size.modules))
+    """Return the answer of a size with the limits that prevent a design, or one that holds the defaults."""
+    if size.feasible and folder.request.asked is None:
+        return size
+    return replace(size, relaxed=causes(folder, size.modules))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:

@@ -24,7 +24,7 @@ from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
-from topo_search.model.features import Level
+from topo_search.model.features import Level, on_paper
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
@@ -157,6 +157,8 @@ class Request:
     """Number of open proposals. The index of a proposal alone determines which results it has."""
     versions: dict[str, str] = field(default_factory=installed_versions)
     """Versions of the libraries that solve; rows of other versions do not count."""
+    asked: Request | None = None
+    """The request with the defaults of flying tasks that this one does without, as no design holds them."""
     level: Level | None = None
     """The level of the goals that `task` has, in a run with goals."""
     previous: Request | None = None
@@ -206,6 +208,11 @@ class Request:
             round_size=DEFAULT_ROUND if exhaustive else self.round_size,
             proposals="by whole rounds" if exhaustive else "ahead of results",
         )
+
+    @property
+    def on_paper(self) -> Request:
+        """The same request without the defaults of flying tasks."""
+        return replace(self, task=on_paper(self.task), asked=self)
 
     @property
     def folder_name(self) -> str:

@@ -1,7 +1,8 @@
 """A run: search, audit, report. This page is the algorithm.
 
 For every size, smallest first: solve every candidate that the strategy proposes, record each in the ledger, then
-audit the best designs. If no size has a design, find the limits that prevent one. Write all files of the run's
+audit the best designs. If no design holds the defaults of a flying task, do the same without them. If no size has a
+design, find the limits that prevent one. Write all files of the run's
 folder, the report last; if asked, prove by branch and bound that no tree is better.
 
 Everything derives from the ledger: a stopped run resumes where it was and computes nothing twice.
@@ -71,32 +72,41 @@ def run(
     try:
         with RunFolder.open(path, request) as folder, detect_loss(folder):
             try:
-                plan = remaining_plan(folder, workers, time_limit)
-                if plan.solves or after_size:
+                plans = [remaining_plan(searched, workers, time_limit) for searched in (folder, folder.answering)]
+                if any(plan.solves for plan in plans) or after_size:
                     prepare()
                 tools = Tools(backends, engine, observer, time.monotonic() + time_limit)
-                observer.plan(plan)
-                for level, n, size_tools in sizes_of(folder, tools):
-                    search_size(level, n, size_tools)
-                    for follow in after_size:
-                        follow(level, n, size_tools)
+                observer.plan(plans[0])
+                for searched in attempts(folder, tools):
+                    for level, n, size_tools in sizes_of(searched, tools):
+                        search_size(level, n, size_tools)
+                        for follow in after_size:
+                            follow(level, n, size_tools)
                 for follow_search in AFTER_SEARCH:
-                    follow_search(folder.levels[0], tools)
+                    follow_search(folder.answering.levels[0], tools)
             except (KeyboardInterrupt, WorkersLost) as stop:
-                write_files(folder)
+                write_files(folder.answering)
                 folder.ledger.require()
                 stop.add_note(KEPT)
                 raise
             observer.phase(WRITING)
-            write_files(folder)
-            report(folder)
+            write_files(folder.answering)
+            report(folder.answering)
             folder.ledger.require()
-            answer = answer_of(folder)
+            answer = answer_of(folder.answering)
     except ReadOnlyFolder:
         if (complete := complete_answer(path, request)) is None:
             raise
         answer = complete
     return prove() if prove is not None and answer.best is not None and answer.complete else answer
+
+
+def attempts(folder: RunFolder, tools: Tools) -> Iterator[RunFolder]:
+    """Yield the folder, and if no design holds the defaults of flying tasks, the same run without them."""
+    yield folder
+    if folder.request.task.flight.filled and not folder.has_clear and answer_of(folder).complete:
+        tools.observer.note("no design holds the defaults of a flying task; the search goes on without them")
+        yield folder.on_paper
 
 
 def sizes_of(folder: RunFolder, tools: Tools) -> Iterator[tuple[RunFolder, int, Tools]]:

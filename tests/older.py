@@ -1,0 +1,12 @@
+"""Tasks in which fields that are left out ask for nothing, and neither rod nor joints weigh anything."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from topo_search.model import Task
+from topo_search.model.flying import with_older_defaults
+
+
+def older_task(data: Mapping[str, Any] | None = None, **fields: Any) -> Task:
+    """The task of these fields, with the meaning that files of the first version give to those left out."""
+    return Task.model_validate(with_older_defaults({**(data or {}), **fields}))
