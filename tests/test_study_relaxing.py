@@ -90,7 +90,7 @@ def test_what_is_named_gives_the_tree_a_design_when_it_is_solved_again(fields, k
     assert order == sorted(order)
     for one in found.relaxations:
         limit = limit_of(task, one)
-        easier = limit.relaxed(one.share).resolve(tree.n)
+        easier = limit.relax(one.share).resolve(tree.n)
         again = BACKENDS.solve(Job(easier, tree, starts=range(STARTS), seed=0))
         assert isinstance(again, Design)
         assert BACKENDS.audit(again).verdict == "clear"
@@ -146,19 +146,19 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
     }
     assert set(limits) == larger | smaller | others  # walls and objects, which the tip touches, are not among them
     for field, limit in limits.items():
-        changed = limit.relaxed(limit.shares[-1])
+        changed = limit.relax(limit.shares[-1])
         assert type(task).model_validate(changed.model_dump())  # it is a valid task
         if field in larger | smaller:
             assert (limit.value(changed) > limit.value(task)) == (field in larger)
         assert changed != task
     assert limits["flight.joint_moment"].value(task) == 2.0
-    assert limits["flight.joint_moment"].relaxed(0.5).joint_limits == (30.0, 3.0)
-    assert limits["flight.angular_acceleration"].relaxed(0.5).flight.angular_acceleration == (2.0, 0.0, 1.0)
-    assert limits["load_cases[0].end_effector.force"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover
+    assert limits["flight.joint_moment"].relax(0.5).joint_limits == (30.0, 3.0)
+    assert limits["flight.angular_acceleration"].relax(0.5).flight.angular_acceleration == (2.0, 0.0, 1.0)
+    assert limits["load_cases[0].end_effector.force"].relax(0.5).load_cases[-1] == task.load_cases[-1]  # hover
     room = limits["exposure[5].planes[1].offset"]
-    assert [plane.offset for plane in room.relaxed(0.1).exposure[5].planes] == [
+    assert [plane.offset for plane in room.relax(0.1).exposure[5].planes] == [
         0.0,
-        room.value(room.relaxed(0.1))[0],
+        room.value(room.relax(0.1))[0],
     ]
     (setting,) = limits["exposure[4].planes[0, 1].offset"].settings(0.1)
     assert setting.given == (0.0, -0.2)
@@ -215,10 +215,8 @@ def test_the_printed_value_in_the_task_file_is_the_task_that_is_tried(fields, ch
     task = older_task(data)
     limit = next(limit for limit in relaxable(task, 3) if limit.field == change)
     for share in (0.07, limit.shares[-1]):
-        apply_settings(
-            again := json.loads(json.dumps(data)), (f"{change}={limit.value(limit.relaxed(share)):.6g}",)
-        )
-        assert older_task(again).resolve(3) == limit.relaxed(share).resolve(3)
+        apply_settings(again := json.loads(json.dumps(data)), (f"{change}={limit.value(limit.relax(share)):.6g}",))
+        assert older_task(again).resolve(3) == limit.relax(share).resolve(3)
 
 
 def toy_relaxed(*, engine=None, **fields):
@@ -275,7 +273,7 @@ def test_a_tighter_reach_leads_to_a_design_of_the_task_as_it_is():
     task = older_task(BESIDE_A_DECK)
     tighter = next(limit for limit in relaxable(task, 5) if limit.tightens)
     design = BACKENDS.solve(
-        Job(tighter.relaxed(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
+        Job(tighter.relax(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
     )
     assert BACKENDS.audit(design).verdict == "clear"
     assert BACKENDS.audit(design.model_copy(update={"task": task.resolve(5)})).verdict == "clear"

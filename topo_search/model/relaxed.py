@@ -43,10 +43,10 @@ class Setting(Value):
         given, enough = (x if isinstance(x, tuple) else (x,) for x in (self.given, self.enough))
         # rounded so that it is still enough
         after = [(upper_text if new > old else lower_text)(new) for old, new in zip(given, enough, strict=True)]
-        return f"{self.field} {_listed([f'{x:.6g}' for x in given])} to {_listed(after)}{unit} {remark}"
+        return f"{self.field} {_list_numbers([f'{x:.6g}' for x in given])} to {_list_numbers(after)}{unit} {remark}"
 
 
-def _listed(numbers: list[str]) -> str:
+def _list_numbers(numbers: list[str]) -> str:
     return numbers[0] if len(numbers) == 1 else f"[{', '.join(numbers)}]"
 
 

@@ -74,7 +74,7 @@ class Relaxable:
     words: str
     """Change in words: `more thrust`."""
     largest_share: float
-    relax: Callable[[Task, float], Task]
+    change: Callable[[Task, float], Task]
     """Returns a task with the limit relaxed by a share."""
     value: Callable[[Task], Amount | None] = lambda _: None
     """Returns the limit's value in a task; None if it is not made of a few numbers."""
@@ -107,20 +107,20 @@ class Relaxable:
             return False
         return True
 
-    def relaxed(self, share: float) -> Task:
+    def relax(self, share: float) -> Task:
         """Return the user's task with the limits relaxed by a share, each up to its largest one."""
         task = self.task
         for limit in self.limits:
-            task = limit.relax(task, min(share, limit.largest_share))
+            task = limit.change(task, min(share, limit.largest_share))
         return task
 
     def task_at(self, share: float) -> ResolvedTask:
         """Return the task with the limits relaxed by a share; ValidationError if other fields rule it out."""
-        return self.relaxed(share).resolve(self.modules)
+        return self.relax(share).resolve(self.modules)
 
     def settings(self, share: float) -> list[Setting]:
         """Return how each limit changes by a share."""
-        relaxed = self.relaxed(share)
+        relaxed = self.relax(share)
         return [limit._setting(min(share, limit.largest_share), relaxed) for limit in self.limits]
 
     def _setting(self, share: float, relaxed: Task) -> Setting:
@@ -445,7 +445,7 @@ def _bisect(
             return True
         observer.phase(solving_phase("relaxing", task, len(jobs), len(starts)))
         unsettled = len(jobs)
-        results = tools.engine.run(partial(_missed, backends), jobs, deadline=deadline, until=tools.until)
+        results = tools.engine.run(partial(_measure_miss, backends), jobs, deadline=deadline, until=tools.until)
         for (number, rung, _), outcome in results:
             search = searches[number]
             if isinstance(outcome, Failed):
@@ -460,7 +460,7 @@ def _bisect(
             return False
 
 
-def _missed(backends: Backends, numbered_job: tuple[int, int, Job]) -> float | None:
+def _measure_miss(backends: Backends, numbered_job: tuple[int, int, Job]) -> float | None:
     """Return what a job's design misses (`scaled_violation`); None if it has a clear audit (in a worker).
 
     The audit may need larger margins; a design that fails it with all of them misses 0.
