@@ -17,6 +17,7 @@ from matplotlib.patches import FancyArrowPatch, Polygon
 
 import nlp
 from topo_search.export.task_picture import VIEWS, task_figure
+from topo_search.model.flying import scaled_defaults
 from topo_search.model.task_file import read_task
 from topo_search.topologies import candidates
 
@@ -257,3 +258,18 @@ def test_torques_are_dashed_arrows_through_a_ring() -> None:
             middle = ring[:-1].mean(axis=0)
             assert middle @ torque == pytest.approx(np.linalg.norm(middle) * np.linalg.norm(torque))
     assert sum("N m" in text.get_text() for text in figure.legends[0].get_texts()) == 9
+
+
+def test_defaults_that_a_module_cannot_hold_are_told_before_the_search(tmp_path: Path) -> None:
+    """With what is not excluded: that share of them, and no more, has no proof against it."""
+    path = tmp_path / "heavy.toml"
+    case = '[[load_cases]]\nname = "hover"\ncarries_weight = true\n'
+    path.write_text(f'name = "heavy"\nmodules = 3\n{case}[module]\nmax_thrust = 1.0\n')
+    (told,) = json.loads(check(str(path), "--json").stdout)["sizes"]
+    assert told["impossible"] is not None
+    task = read_task(path)
+    shares = (told["defaults_share"], told["defaults_share"] + 0.05)
+    proofs = [nlp.prove_impossible(scaled_defaults(task, share).resolve(3)) for share in shares]
+    assert [proof is None for proof in proofs] == [True, False]
+    (stronger,) = json.loads(check(str(path), "--json", "--set", "module.max_thrust=3.2").stdout)["sizes"]
+    assert stronger["impossible"] is stronger["defaults_share"] is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
@@ -124,6 +125,11 @@ def _expectations(sizes: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     for size in sizes:
         bound = f"J at least {figures(at_least(size['lower_bound'], 3))} rad⁴/s⁴, whatever the topology"
         effort = f"impossible: {size['impossible']}" if size["impossible"] else bound
+        if (share := size["defaults_share"]) is not None:
+            held = (
+                f"{100 * share:.0f} % of the side force, tilt and acceleration that flying tasks ask for by default"
+            )
+            effort += f"; {held} are not excluded; if no size holds them, the answer is fragile"
         yield quantity(size["modules"], "module"), f"{quantity(size['candidates'], 'candidate')}; {effort}"
 
 
@@ -138,17 +144,25 @@ def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:
 def _size(task: ts.Task, n: int) -> dict[str, Any]:
     """Return the number of candidates and the bound on effort for n modules; nothing is solved."""
     from nlp import lower_bound, prove_impossible
+    from topo_search.model.flying import scaled_defaults
     from topo_search.study import Request
     from topo_search.study.answer import quotient_remark
 
     request, resolved = Request(task, "task", starts=1, seed=0), task.resolve(n)
-    proof = prove_impossible(resolved)
+    proof, share = prove_impossible(resolved), None
+    if proof is not None and prove_impossible(scaled_defaults(task, 0.0).resolve(n)) is None:
+
+        def is_excluded(twentieths: int) -> bool:
+            return prove_impossible(scaled_defaults(task, twentieths / 20).resolve(n)) is not None
+
+        share = bisect_left(range(1, 20), True, key=is_excluded) / 20
     return {
         "modules": n,
         "candidates": request.space(n).count(),
         "quotient": quotient_remark(request.quotient(n)),
         "lower_bound": lower_bound(resolved),
         "impossible": proof and proof.message,
+        "defaults_share": share,
     }
 
 

@@ -113,6 +113,17 @@ def on_paper(task: Task) -> Task:
     return task.with_fields("flight", defaults=False, tolerances=tolerances, dropped=dropped)
 
 
+def scaled_defaults(task: Task, share: float) -> Task:
+    """Return a task with a share of the default side force, tilt and angular acceleration."""
+    fields = {
+        "force_reserve": share * FLYING["flight.force_reserve"],
+        "tilt_deg": share * FLYING["flight.tilt_deg"],
+        "angular_acceleration": tuple(share * a for a in FLYING["flight.angular_acceleration"]),
+    }
+    left_out = {name: x for name, x in fields.items() if f"flight.{name}" in task.flight.filled}
+    return task.with_fields("flight", **left_out)
+
+
 class Missed(Value):
     """Default of flying tasks that no design holds, and what the best design on paper holds of it by itself."""
 
