@@ -17,8 +17,17 @@ import math
 from topo_search.model.value import Broken, Positive, Value
 
 
+HOLES = (0.0017, 0.0022, 0.0027, 0.0032, 0.0043, 0.0053, 0.0064, 0.0084)
+"""Holes for bolts M1.6 to M8, fine series of ISO 273 [m]."""
+USUAL = 0.15
+"""Connector distance of a module for which the defaults are made [m]."""
+
+
 class Bracket(Value):
-    """Bracket: two square flanges with four bolts each, connected by two webs."""
+    """Bracket: two square flanges with four bolts each, connected by two webs.
+
+    The defaults of fields are for the default module; without a bracket of its own, a module has one of its size.
+    """
 
     bolt_circle: Positive = 0.024
     """Diameter of the bolt circle of a flange [m]; four bolts, at 45 deg to the hinge axis."""
@@ -28,6 +37,23 @@ class Bracket(Value):
     """Thickness of a flange [m]."""
     wall: Positive = 0.003
     """Wall thickness of the webs, and around bolts and rod [m]."""
+
+    @classmethod
+    def of_size(cls, connector_distance: float) -> Bracket:
+        """Return the bracket for modules of a size: default lengths in proportion, bolts of the next metric size up.
+
+        >>> Bracket.of_size(0.15) == Bracket(), Bracket.of_size(0.065).bolt_diameter
+        (True, 0.0017)
+        """
+        default, scale = cls(), connector_distance / USUAL
+        smallest = default.bolt_diameter * scale
+        hole = next((hole for hole in HOLES if hole >= smallest * (1 - 1e-9)), smallest)
+        return cls(
+            bolt_circle=max(default.bolt_circle * scale, 3 * hole),  # room between bolts
+            bolt_diameter=hole,
+            thickness=default.thickness * scale,
+            wall=default.wall * scale,
+        )
 
     def _broken_rules(self) -> Broken:
         if self.bolt_circle / math.sqrt(2) <= 2 * self.bolt_diameter:
