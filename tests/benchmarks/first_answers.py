@@ -1,4 +1,4 @@
-"""First answers of tasks as people write them (`tests/tasks`): with the defaults of flying tasks, without, and flown.
+"""First answers of tasks as people write them (`tests/tasks`): with the defaults of flying tasks and without, flown.
 
     PYTHONPATH=tests python tests/benchmarks/first_answers.py [TASK ...] [--modules N] [--without]
 
@@ -42,9 +42,9 @@ def rows(options: argparse.Namespace) -> Iterator[tuple[str, ...]]:
             continue
         settings = (f"modules={options.modules}",)
         answer, spent = timed(read_task(path, settings))
-        bare, bare_spent = (
-            timed(read_task(path, (*settings, "flight.defaults=false"))) if options.without else (None, 0.0)
-        )
+        bare, bare_spent = None, 0.0
+        if options.without:
+            bare, bare_spent = timed(read_task(path, (*settings, "flight.defaults=false")))
         excess = ratio = ""
         if bare is not None and bare.best is not None and answer.best is not None:
             excess = f"{100 * (answer.best.objective / bare.best.objective - 1):+.0f} %"

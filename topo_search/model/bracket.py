@@ -16,7 +16,6 @@ import math
 
 from topo_search.model.value import Broken, Positive, Value
 
-
 HOLES = (0.0017, 0.0022, 0.0027, 0.0032, 0.0043, 0.0053, 0.0064, 0.0084)
 """Holes for bolts M1.6 to M8, fine series of ISO 273 [m]."""
 USUAL = 0.15
