@@ -1,4 +1,4 @@
-"""First answers of tasks as people write them (`tests/tasks`): with the defaults of flying tasks and without, flown.
+"""First answers of tasks as people write them (`tests/tasks`): with the defaults of flying tasks and without.
 
     PYTHONPATH=tests python tests/benchmarks/first_answers.py [TASK ...] [--modules N] [--without]
 

@@ -39,7 +39,7 @@ class Bracket(Value):
 
     @classmethod
     def of_size(cls, connector_distance: float) -> Bracket:
-        """Return the bracket for modules of a size: default lengths in proportion, bolts of the next metric size up.
+        """Return the bracket for a size of modules: lengths in proportion, bolts of the next metric size up.
 
         >>> Bracket.of_size(0.15) == Bracket(), Bracket.of_size(0.065).bolt_diameter
         (True, 0.0017)
