@@ -252,6 +252,21 @@ def test_what_is_proven_impossible_when_relaxed_is_not_said_to_be_solved(monkeyp
     assert all(text.endswith("(still proven impossible)") for text in found.in_vain)
 
 
+def test_what_is_proven_impossible_is_said_before_anything_is_solved(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    said = []
+
+    class Noting(SilentObserver):
+        def note(self, text):
+            said.append((text, (tmp_path / "log").exists()))
+
+    toy_run(tmp_path / "run", modules=(3, 4), observer=Noting())
+    assert said == [
+        ("3 modules: proven impossible, without a search: three modules cannot lift what is asked", False)
+    ]
+
+
 def test_what_fails_its_audit_is_not_advised(monkeypatch):
     monkeypatch.setenv("TOY_VIOLATED", "a300")
     task, found = toy_relaxed()
