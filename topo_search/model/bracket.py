@@ -18,8 +18,8 @@ from topo_search.model.value import Broken, Positive, Value
 
 HOLES = (0.0017, 0.0022, 0.0027, 0.0032, 0.0043, 0.0053, 0.0064, 0.0084)
 """Holes for bolts M1.6 to M8, fine series of ISO 273 [m]."""
-USUAL = 0.15
-"""Connector distance of a module for which the defaults are made [m]."""
+USUAL_DISTANCE, USUAL_MASS = 0.15, 0.24
+"""Connector distance [m] and mass [kg] of a module for which the defaults are made."""
 
 
 class Bracket(Value):
@@ -38,13 +38,16 @@ class Bracket(Value):
     """Wall thickness of the webs, and around bolts and rod [m]."""
 
     @classmethod
-    def of_size(cls, connector_distance: float) -> Bracket:
-        """Return the bracket for a size of modules: lengths in proportion, bolts of the next metric size up.
+    def of_module(cls, connector_distance: float, mass: float) -> Bracket:
+        """Return the bracket for modules of a size and mass: scaled lengths, bolts of the next metric size up.
 
-        >>> Bracket.of_size(0.15) == Bracket(), Bracket.of_size(0.065).bolt_diameter
+        The scale is that of the distance, or of the cube root of the mass if that is less.
+
+        >>> Bracket.of_module(0.15, 0.24) == Bracket(), Bracket.of_module(0.065, 0.035).bolt_diameter
         (True, 0.0017)
         """
-        default, scale = cls(), connector_distance / USUAL
+        default = cls()
+        scale = min(connector_distance / USUAL_DISTANCE, (mass / USUAL_MASS) ** (1 / 3))
         smallest = default.bolt_diameter * scale
         hole = next((hole for hole in HOLES if hole >= smallest * (1 - 1e-9)), smallest)
         return cls(

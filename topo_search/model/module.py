@@ -204,7 +204,7 @@ class Module(Value):
     @property
     def bracket_sizes(self) -> Bracket:
         """Sizes of the brackets, given or default."""
-        return self.bracket or Bracket.of_size(self.connector_distance)
+        return self.bracket or Bracket.of_module(self.connector_distance, self.mass)
 
     @property
     def inertia(self) -> tuple[float, float, float]:

@@ -381,6 +381,9 @@ def _pairs(searches: Sequence[_Bisection]) -> Iterator[_Bisection]:
 def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: int, seed: int) -> Relaxed | None:
     """Return the limits that give trees without a design one when relaxed; None if the time was too short.
 
+    Of a task with defaults of flying tasks, which has an answer without them, only single limits of its own
+    are relaxed, for one tree.
+
     Args:
         task: the task as the user wrote it.
         topologies: the closest trees, all of one size; only the first `RELAXING.trees` are used.
@@ -388,12 +391,13 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
         starts: number of starts of the run; at most STARTS of them are used.
         seed: seeds the random starts.
     """
-    trees, n = topologies[: RELAXING.trees], topologies[0].n
+    trees, n = topologies[: 1 if task.flight.filled else RELAXING.trees], topologies[0].n
     job_starts, resolved = range(min(starts, STARTS)), task.resolve(n)
     proven = tools.backends.prove_impossible(resolved) is not None  # otherwise no easier task is proven impossible
-    searches = [_Bisection(tree, limit) for tree in trees for limit in relaxable(task, n)]
+    limits = [limit for limit in relaxable(task, n) if limit.field not in task.flight.filled]
+    searches = [_Bisection(tree, limit) for tree in trees for limit in limits]
     ended = _bisect(searches, tools, resolved, job_starts, seed, proven=proven)
-    if ended and not any(search.helps for search in searches):
+    if ended and not task.flight.filled and not any(search.helps for search in searches):
         pairs = [*_pairs(searches)]
         ended = _bisect(pairs, tools, resolved, job_starts, seed, proven=proven)
         searches += pairs
