@@ -59,9 +59,9 @@ from verify.flight.joints import inertia
 from verify.kinematics import Platform, platform
 
 RANK_TOLERANCE = 1e-9
+"""Singular values below this share of the largest count as zero; rounding makes them positive."""
 LEAST_ACC_HOR = 2.0
 """Smallest value of PX4's MPC_ACC_HOR and MPC_ACC_HOR_MAX [m/s^2]; the largest is 15."""
-"""Singular values below this share of the largest count as zero; rounding makes them positive."""
 UNITS = {
     "matrix": "N and N m per rad^2/s^2",
     "pseudo_inverse": "rad^2/s^2 per N and per N m",
