@@ -36,7 +36,7 @@ CORE_PATH = (
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
-    (first, own), (exposures, mesh, air, wall), (goals,), (tolerances,) = (
+    (first, own), (exposures, mesh, air, contact, wall), (goals,), (tolerances,) = (
         [tomllib.loads(block) for block in blocks("toml", page)]
         for page in ("tutorials/first-search.md", "how-to/exposure.md", "how-to/goals.md", "explanation/audit.md")
     )
@@ -52,6 +52,9 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
     assert mesh["exposure"][0].keys() == {"kind", "mesh", "scale", "offset"}
     (solid,) = Task.model_validate({**first, **wall}).exposure
     assert solid.solid
+    (pushed,) = Task.model_validate({**first, **contact}).resolve(5).exposure
+    assert pushed.solid
+    assert not pushed.geometry
     assert [one.speed for one in Task.model_validate({**first, **air}).exposure] == [1.0, 2.0]
 
 

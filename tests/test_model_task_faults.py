@@ -182,7 +182,7 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
         "modules: must be at least 1, but got 0",
         "module.mass: must be greater than 0, but got -1",
         "load_cases[0].gravty: unknown field; "
-        "valid names are name, units, end_effector, com, carries_weight, grows, weight, cone, vertices",
+        "valid names are name, units, end_effector, com, carries_weight, grows, contact, weight, cone, vertices",
         'search.root: must be "free" or "paper", but got "x"',
     ]
     text = "task_seed = 4\n" + TASK.replace("= 5", "= [6, 4]") + CONE + "[end_effector]\nposition = 'com'"

@@ -45,7 +45,7 @@ HEAVY = {
 PER_RPM = (2 * math.pi / 60) ** 2
 GRAMS_FORCE = 1000 / 9.81
 HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
-PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, **HOVER}
+PUSH_WHILE_HOVERING = {"end_effector": {"force": [0.2, 0.0, 0.0]}, "contact": "push", **HOVER}
 
 
 def found(**fields: Any) -> dict[str, str]:
@@ -63,7 +63,8 @@ def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_wei
         warnings = {one.path for one in task_warnings(read_task(name))}
         flies = name in ("wall-push", "window-cleaning", "survives-a-rotor")
         pushes = {"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()
-        assert warnings == pushes | (set() if flies else {"module.torque_coefficient"}), name
+        touches = {"load_cases[0].contact"} if name == "survives-a-rotor" else set()
+        assert warnings == pushes | touches | (set() if flies else {"module.torque_coefficient"}), name
 
 
 def test_rotors_that_nobody_builds() -> None:
@@ -101,6 +102,29 @@ def test_a_rotor_better_than_ideal_is_refused_in_a_task_file_alone() -> None:
 def test_a_load_case_that_does_not_carry_the_weight(case: dict[str, Any], warned: bool) -> None:
     words = found(load_cases=[HOVER, case]).get("load_cases[1]", "")
     assert says(words, "less than the weight, 7.534 N of 3 modules", "gravity", "carries_weight = true") is warned
+
+
+WALL = {"kind": "allowed", "planes": [{"normal": [1.0, 0.2, 0.0], "offset": 0.1}], "solid": True}
+
+
+@pytest.mark.parametrize(
+    ("fields", "is_open"),
+    [
+        ({}, True),
+        ({"exposure": [WALL]}, False),
+        ({"exposure": [WALL | {"solid": False}]}, True),
+        ({"exposure": [WALL | {"planes": [{"normal": [-1.0, 0.0, 0.0]}]}]}, False),  # a plug
+        ({"exposure": [WALL | {"planes": [{"normal": [0.0, 0.0, -1.0]}]}]}, True),  # a floor along the force
+        ({"exposure": [{"kind": "local", "radius": 0.1, "solid": True}]}, True),  # the rod reaches in from anywhere
+        ({"exposure": [{"kind": "exterior", "half_angle_deg": 60.0, "solid": True}]}, True),
+        ({"end_effector": {"rod": "none"}}, False),
+    ],
+)
+def test_a_force_at_the_tip_without_an_object_leaves_the_side_of_the_tool_open(
+    fields: dict[str, Any], is_open: bool
+) -> None:
+    push = {"carries_weight": True, "end_effector": {"force": [0.2, 0.0, 0.0]}}
+    assert ("load_cases[0].contact" in found(load_cases=[push, HOVER], **fields)) is is_open
 
 
 def test_with_a_range_of_sizes_the_largest_platform_counts() -> None:

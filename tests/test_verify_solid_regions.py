@@ -255,7 +255,7 @@ def test_a_region_that_is_not_solid_is_written_and_audited_as_before() -> None:
     given = random_design(TREE, 1, {"exposure": [region("slab", 0.0)]})
     kinds = {pair.kind for pair in audit(given).pairs}
     assert "part-region" not in kinds
-    assert "solid" not in to_toml(given.task)
+    assert "solid = true" not in to_toml(given.task)
     solid = older_task(
         **(
             {"name": "t", "modules": 1, "load_cases": [{"carries_weight": True}]}

@@ -88,6 +88,8 @@ class ClearanceCheck(Generic[Side, Other]):
     """True if the two frames may touch near the connector."""
     certifier: Callable[[Sequence[Any]], list[Certificate]] | None = None
     """Certifier of a batch of such checks; None: that for the types of their sides."""
+    contact: int | None = None
+    """Number of the load case whose object the other side is."""
 
     @property
     def key(self) -> tuple[Kind, int, int, int | None]:

@@ -117,6 +117,7 @@ def _clearance(
         a=check.a,
         b=check.b,
         segment=check.segment,
+        contact=check.contact,
         status=certificate.status,
         lower_m=lower,
         upper_m=upper,

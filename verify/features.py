@@ -13,6 +13,7 @@ from verify.flight.analysis import flight
 from verify.flight.residuals import flight_residuals
 from verify.interference import interference
 from verify.mesh_excess import mesh_excess
+from verify.placement import placement
 from verify.requirements import Scene
 from verify.sections import Clearances, Section
 from verify.sensitivity import sensitivity
@@ -36,6 +37,7 @@ SECTIONS: tuple[Section, ...] = (
     Section("power", power),
     Section("air", air, speed_residuals),
     Section("mesh_excess", mesh_excess),
+    Section("placement", placement),
 )
 """Sections of the audit, in the order of its residuals; each may use what those before it found."""
 

@@ -233,4 +233,5 @@ def clearance_of(check: AnyCheck) -> float:
 
 
 def _pair(check: AnyCheck) -> dict[str, object]:
-    return {"kind": check.kind, "a": check.a, "b": check.b, "segment": check.segment}
+    fields = ("kind", "a", "b", "segment", "contact")
+    return {field: getattr(check, field) for field in fields}

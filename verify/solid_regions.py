@@ -29,10 +29,10 @@ from verify.requirements import ClearanceRequirement, Scene
 
 def beside_regions(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
     """Yield every module against every solid region, then the rod."""
-    for number, segment, region in _regions(scene):
+    for number, contact, segment, region in solid_regions(scene):
         against = region if isinstance(region, AllowedCone) else _body(region)
         for a, module in enumerate(scene.modules):
-            yield ClearanceCheck("part-region", a, number, module, against, segment)
+            yield ClearanceCheck("part-region", a, number, module, against, segment, contact=contact)
     yield from rod_beside_regions(scene, mount)
 
 
@@ -45,14 +45,15 @@ def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[ClearanceR
         return
     rod = scene.straight_rod(mount)
     counts = scene.design.task.end_effector.rod == "straight"
-    for number, segment, region in _regions(scene):
+    for number, contact, segment, region in solid_regions(scene):
         distance = _distance(scene.tip, region)
         tip = TIP * rod.radius if distance <= rod.radius + FLOOR else 0.0
         if distance <= FLOOR - rod.radius or (tip and tip >= rod.length):
             continue
         share = 1.0 - tip / rod.length if tip else 1.0
         body = RoundBody(ConeSphere(rod.start, share * rod.path, rod.radius, 0.0))
-        yield ClearanceRequirement("rod-region", mount.module, number, body, region, segment, counts=counts)
+        sides = mount.module, number, body, region, segment
+        yield ClearanceRequirement("rod-region", *sides, counts=counts, contact=contact)
 
 
 def rod_keeps_out(scene: Scene, mount: Mount) -> bool:
@@ -67,8 +68,10 @@ def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
     A key is the requirement's number and that of its path or plane, None if it has only one region.
     """
     scene = Scene(design)
-    regions = _regions(scene)
-    return {(number, segment): scene.l_arm * _distance(scene.tip, region) for number, segment, region in regions}
+    return {
+        (number, segment): scene.l_arm * _distance(scene.tip, region)
+        for number, _, segment, region in solid_regions(scene)
+    }
 
 
 def _distance(x: Array, region: RoundBody | AllowedCone | HullBody) -> float:
@@ -81,10 +84,13 @@ def _distance(x: Array, region: RoundBody | AllowedCone | HullBody) -> float:
     return -depth if depth > 0 else approach(ball(x, 0.0), region).d
 
 
-def _regions(scene: Scene) -> Iterator[tuple[int, int | None, RoundBody | AllowedCone | HullBody]]:
+def solid_regions(
+    scene: Scene,
+) -> Iterator[tuple[int, int | None, int | None, RoundBody | AllowedCone | HullBody]]:
+    """Yield solid regions: number of the requirement, load case of a contact, path or plane, and volume."""
     for number, exposure in enumerate(scene.design.task.exposure):
         if exposure.solid:
-            yield from ((number, segment, region) for segment, region in scene.regions(exposure))
+            yield from ((number, exposure.contact, segment, region) for segment, region in scene.regions(exposure))
 
 
 def _body(region: RoundBody | HullBody) -> Compound:

@@ -51,6 +51,7 @@ from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
 from topo_search.model.arrays import Array
+from topo_search.model.exposure import solid_name
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 from topo_search.model.value import Vector
 
@@ -270,7 +271,7 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
             yield Requirement(9, partial(names.exposure, number, exposure), subjects, airflow, margin)
         if exposure.solid:
             parts = formulas(exposure, PartBalls.of(task))
-            yield Requirement(9, partial(_solid_name, number), subjects, parts, margin)
+            yield Requirement(9, partial(_solid_name, number, exposure.contact), subjects, parts, margin)
     if any(needs_offset(exposure) for exposure in task.exposure):
         offset = Distance(FROM_COM, LEAST_OFFSET, OffsetObstacle)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
@@ -280,5 +281,5 @@ def _all_modules(n: int) -> Subjects:
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 
-def _solid_name(number: int, i: int, _: int, segment: int | None) -> str:
-    return f"module {i} and solid exposure {number}" + ("" if segment is None else f", segment {segment}")
+def _solid_name(number: int, contact: int | None, i: int, _: int, segment: int | None) -> str:
+    return f"module {i} and {solid_name(number, segment, contact)}"

@@ -47,6 +47,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology, segment_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.end_effector import TIP
+from topo_search.model.exposure import solid_name
 from topo_search.model.shape import Shape
 
 NEAR_LIMIT = 6.0
@@ -201,8 +202,8 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...
                     continue
                 rod = RodShape(l_c, r, TIP * r if distance <= r + TOUCHING else 0.0)
                 segment = segment_of(exposure, part)
-                suffix = "" if segment is None else f", segment {segment}"
-                limit_names.append(f"the end-effector's rod and solid exposure {number}{suffix}")
+                region = solid_name(number, segment, exposure.contact)
+                limit_names.append(f"the end-effector's rod and {region}")
                 limits.append(RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment))
                 margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
     if not limits:

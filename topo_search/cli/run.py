@@ -157,6 +157,7 @@ def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[s
         "fragile": [entry.model_dump(mode="json") for entry in answer.fragile],
         "note": answer.note,
         "weakest_point": answer.weakest_point,
+        "placement": answer.placement,
         "air": answer.air,
         "fast_air": [air.model_dump(mode="json") for air in answer.fast_air],
         "tolerances": answer.tolerances,

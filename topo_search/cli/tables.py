@@ -27,7 +27,8 @@ def answer_lines(answer: Answer) -> Iterator[str]:
     yield f"everything is in {answer.folder}"
     margins = ", ".join(fragile_margins(answer.audit, answer.design))
     fragile = f"fragile: {f'{DROPPED}; ' if answer.fragile else ''}{margins}" if margins else None
-    for text in (fragile, answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
+    remarks = (*answer.placement, *answer.air, answer.tolerances, answer.shorter_rod)
+    for text in (fragile, answer.weakest_point, *remarks):
         if answer.best is not None and text is not None:
             yield f"{answer.best.key}: {text}"
 
@@ -227,6 +228,8 @@ def audit_lines(name: str, audit: Audit, *, details: bool = False) -> Iterator[s
         flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
         air = () if audit.air is None else audit.air.sentences()
         yield from (f"  {line}" for line in (*notes, *tolerance_lines(audit), *flight, *air))
+    if audit.placement is not None:
+        yield from (f"  note: {sentence}" for sentence in audit.placement.sentences())
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield f"  note: {sheet.note}"

@@ -108,7 +108,7 @@ def _requirements(task: ts.Task, *, plausible: bool) -> Iterator[tuple[str, Iter
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
         yield "air of one module in hover, on its envelope for regions: at most", speeds
-    if free := [f"exposure[{k}].speed" for k, exposure in enumerate(first.exposure) if exposure.speed is None]:
+    if free := [f"exposure[{k}].speed" for k, exposure in enumerate(task.exposure) if exposure.speed is None]:
         yield "air speed over regions", [("not limited", f"by envelopes; to limit it, state {', '.join(free)}")]
     if task.goals.names:
         yield goals(task)

@@ -15,6 +15,7 @@ from topo_search.model.features import (
     CasePower,
     Flight,
     MeshExcess,
+    Placement,
     Sensitivity,
     audit_html,
 )
@@ -102,6 +103,8 @@ class Audit(Value):
     A violated one makes the verdict `violated`; a met one proves nothing."""
     mesh_excess: Annotated[tuple[MeshExcess, ...], OMIT_EMPTY] = ()
     """Regions that are larger than their source mesh, according to the design file."""
+    placement: Omitted[Placement] = None
+    """Load cases in which the rod pulls, and solid half-spaces near rotors; None if there are none."""
     assembly: Assembly
     """Assembly sheet."""
     allowed_contacts: tuple[AllowedContact, ...]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
-from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
-from topo_search.model.value import Index, Number, Value, Vector
+from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind, solid_name
+from topo_search.model.value import Index, Number, Omitted, Value, Vector
 
 if TYPE_CHECKING:
     from topo_search.model.task import ResolvedTask
@@ -60,6 +60,8 @@ class Pair(Value):
     segment: Index | None = None
     """Index of the straight piece of a directional requirement, or the plane of an allowed one; for
     `rotor-airflow` the rotor, or None for hub and arms."""
+    contact: Omitted[Index] = None
+    """Load case whose object the solid region `b` is."""
 
     @property
     def name(self) -> str:
@@ -69,7 +71,7 @@ class Pair(Value):
             part = "" if segment is None else f", {PART_NAMES[self.kind]} {segment}"
             return f"exposure {self.b} ({self.kind}{part}) of {a}"
         part = "hub and arms" if segment is None else f"rotor {segment}"
-        region = f"solid exposure {self.b}" + ("" if segment is None else f", segment {segment}")
+        region = solid_name(self.b, segment, self.contact)
         names: dict[str, str] = {
             "exclusion": f"end-effector exclusion of {a}",
             "rod": f"{rod} and {a}",

@@ -23,6 +23,7 @@ from topo_search.model.value import (
     OMIT_EMPTY,
     Broken,
     Flag,
+    Index,
     NonEmpty,
     NonNegative,
     Omitted,
@@ -67,17 +68,18 @@ def _check_thickness(box: Vector) -> Vector:
 HullPoints = Annotated[tuple[Vector, ...], at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)]
 
 
-Solid = Annotated[Flag, OMIT_EMPTY]
-"""True if a region is a solid object, such as a wall, so that rigid parts must stay out of it too."""
-
-
 class Region(Value):
     """Fields that all regions share; each kind also has `words` and `shapes`."""
 
     speed: Omitted[Positive] = None
     """Largest allowed air speed in the region, in every load case, by the jet model [m/s]."""
     geometry: Annotated[Flag, Field(exclude_if=lambda flag: flag)] = True
-    """True if airflow envelopes must stay out of the region; false: only its `speed` is limited."""
+    """True if airflow envelopes must stay out of the region; false: only its `speed` is limited, if at all."""
+    solid: Annotated[Flag, OMIT_EMPTY] = False
+    """True if the region is an object, such as a wall: rigid parts stay out too, and so does the rod except its
+    tip, unless p_E is inside."""
+    contact: Omitted[Index] = None
+    """Number of the load case whose object the region is. Set in designs, not in tasks."""
 
     @property
     def speed_reach(self) -> float | None:
@@ -89,8 +91,8 @@ class Region(Value):
         yield from ()
 
     def _broken_rules(self) -> Broken:
-        if not self.geometry and self.speed is None:
-            yield "geometry", "must be true, or `speed` must be given"
+        if not (self.geometry or self.solid) and self.speed is None:
+            yield "geometry", "must be true, or `speed` or `solid` must be given"
 
 
 class UnboundedRegion(Region):
@@ -103,6 +105,11 @@ class UnboundedRegion(Region):
     def speed_reach(self) -> float | None:
         """See `Region.speed_reach`."""
         return self.speed_within
+
+    @property
+    def content(self) -> str:
+        """What must stay inside the allowed part of space, in words."""
+        return "rigid parts" if self.solid and not self.geometry else "airflow"
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()
@@ -131,8 +138,6 @@ class Local(Region):
     """Lists of points from p_E [m]; the region is the union of their convex hulls."""
     mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(LIMITS.pieces)]] = None
     """Upper bound for the excess of each piece over its source mesh [m]; None without excess."""
-    solid: Solid = False
-    """True if rigid parts must stay out too; so must the rod except its tip, unless p_E is inside."""
 
     @model_validator(mode="before")
     @classmethod
@@ -219,8 +224,6 @@ class Directional(Region):
     """Instead of segments: one path along p_E, away from the COM."""
     length: Positive | None = None
     """Length of the path along p_E [m]."""
-    solid: Solid = False
-    """True if rigid parts must stay out of the capsules too."""
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()
@@ -259,12 +262,13 @@ class Exterior(UnboundedRegion):
     """theta_con: half-angle of the cone [deg]; at 90 it is a half-space."""
     axis: Axis = "com"
     """d_con: axis, from p_E into the allowed cone; `com`: from p_E to the centre of mass."""
-    solid: Solid = False
-    """True if rigid parts, and the rod except its tip, must stay inside the cone too."""
 
     @property
     def words(self) -> str:
         """The region in words."""
+        if self.contact is not None and self.axis != "com":
+            outwards = vector(tuple(0.0 - x for x in self.axis))
+            return f"object of load case {self.contact}: everything beyond the end-effector along {outwards}"
         axis = "towards the centre of mass" if self.axis == "com" else f"along {vector(self.axis)}"
         return (
             f"everything outside a cone of half-angle {figures(self.half_angle_deg)}° with its apex at the "
@@ -274,7 +278,8 @@ class Exterior(UnboundedRegion):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """Cone of the allowed side."""
-        return (Cone(self.half_angle_deg, None if self.axis == "com" else unit(self.axis)),)
+        axis = None if self.axis == "com" else unit(self.axis)
+        return (Cone(self.half_angle_deg, axis, content=self.content),)
 
 
 class Plane(Value):
@@ -302,8 +307,6 @@ class Allowed(UnboundedRegion):
     kind: Literal["allowed"] = "allowed"
     planes: Annotated[tuple[UnitPlane, ...], at_most(LIMITS.segments, "planes"), NonEmpty]
     """Half-spaces whose intersection is the polyhedron."""
-    solid: Solid = False
-    """True if rigid parts, and the rod except its tip, must stay inside too."""
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()
@@ -323,7 +326,8 @@ class Allowed(UnboundedRegion):
         """One half-space per plane; its index is the `segment` in audits."""
         planes = ((*plane.normal, plane.offset) for plane in self.planes)
         return tuple(
-            Cone(90.0, axis=(-x, -y, -z), apex=(offset * x, offset * y, offset * z)) for x, y, z, offset in planes
+            Cone(90.0, (-x, -y, -z), apex=(offset * x, offset * y, offset * z), content=self.content)
+            for x, y, z, offset in planes
         )
 
 
@@ -336,6 +340,18 @@ ExposureKind = Literal["local", "directional", "exterior", "allowed"]
 EXPOSURE_KINDS: tuple[ExposureKind, ...] = get_args(ExposureKind)
 PART_NAMES = {"directional": "segment", "allowed": "plane", "local": "piece"}
 """Names of the numbered parts of a requirement."""
+
+
+def object_beyond(outwards: Vector, case: int) -> AnyExposure:
+    """Return the object of a load case: all beyond the plane through p_E with that normal; air may enter."""
+    x, y, z = outwards
+    return Exterior(half_angle_deg=90.0, axis=(0.0 - x, 0.0 - y, 0.0 - z), solid=True, geometry=False, contact=case)
+
+
+def solid_name(number: int, segment: int | None, contact: int | None) -> str:
+    """Name a solid region: the number and part of its requirement, or the load case whose object it is."""
+    part = "" if segment is None else f", segment {segment}"
+    return f"solid exposure {number}{part}" if contact is None else f"object of load case {contact}"
 
 
 def half_spaces(exposure: Iterable[AnyExposure]) -> list[Cone]:

@@ -13,6 +13,7 @@ from topo_search.model.goals import GOALS, Goals, Level, broken_goals
 from topo_search.model.html import audit_html, design_html
 from topo_search.model.joint_mass import joint_mass
 from topo_search.model.mesh_file import MeshExcess
+from topo_search.model.placement import Placement
 from topo_search.model.relaxed import Relaxed
 from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
 from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
@@ -24,6 +25,7 @@ CORNER_SETS = (reserve_corners, failure_corners)
 
 __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly", "CasePower",
-    "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Relaxed", "Sensitivity", "Tolerances",
-    "audit_html", "design_html", "find_missed", "joint_mass", "on_paper", "with_defaults", "with_older_defaults",
+    "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed", "Sensitivity",
+    "Tolerances", "audit_html", "design_html", "find_missed", "joint_mass", "on_paper", "with_defaults",
+    "with_older_defaults",
 ]  # fmt: skip

@@ -28,7 +28,8 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
-from topo_search.model.exposure import Direction
+from topo_search.model.exposure import AnyExposure, Direction, object_beyond
+from topo_search.model.shape import unit
 from topo_search.model.value import (
     OMIT_EMPTY,
     Broken,
@@ -39,6 +40,7 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
+    is_zero,
     show,
 )
 
@@ -111,6 +113,9 @@ class LoadCase(Value):
     grows: Omitted[Literal["weight", "all"]] = None
     """Part that scales with the platform's weight if a rod counts: `weight`, the part of f_C that carries it, or
     `all` for a case in units of weight. Set in designs, not in tasks."""
+    contact: Omitted[Literal["push", "pull"]] = None
+    """`push`: an object fills the half-space beyond the end-effector on the side of the force at it; `pull`: on the
+    other side. Rigid parts and rod stay out of it, air may enter. In designs it is an exposure requirement."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
     cone: Omitted[ForceCone] = None
@@ -121,6 +126,8 @@ class LoadCase(Value):
     def _broken_rules(self) -> Broken:
         if not (self.end_effector or self.com or self.carries_weight or self.cone or self.vertices):
             yield (), "must have at least one of `end_effector`, `com` and `carries_weight`, but got none"
+        if self.contact is not None and is_zero(self.at_end_effector.force):
+            yield "contact", f"must be left out without a force at the end-effector, but got {show(self.contact)}"
 
     @property
     def at_end_effector(self) -> Wrench:
@@ -150,11 +157,11 @@ class LoadCase(Value):
     def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> LoadCase:
         """Return the load case in N and N m, with the weight as a force, given m_t g [N] and l_arm m_t g [N m].
 
-        `grows`: True if m_t depends on the design.
+        Its contact is not part of it (see `objects`). `grows`: True if m_t depends on the design.
         """
-        case = self
+        case = self.model_copy(update={"contact": None})
         if self.units == "weight":
-            case = self.scale(force_unit, torque_unit).model_copy(update={"units": "SI"})
+            case = case.scale(force_unit, torque_unit).model_copy(update={"units": "SI"})
         if self.carries_weight:
             case = case._carry(force_unit).model_copy(update={"carries_weight": False})
         if grows and (self.units == "weight" or self.carries_weight):
@@ -218,6 +225,17 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
             yield ("load_cases", k, "name"), f"must differ from that of load_cases[{first}], but got {show(name)}"
     if not any(case.weight for case in cases):
         yield "load_cases", "must have a weight greater than 0 in at least one entry, but got 0 in each"
+
+
+def objects(cases: Sequence[LoadCase]) -> tuple[AnyExposure, ...]:
+    """Return the objects that load cases are in contact with, as regions; equal ones once."""
+    numbers: dict[Vector, int] = {}
+    for k, case in enumerate(cases):
+        if case.contact is not None:
+            side = 1.0 if case.contact == "push" else -1.0
+            x, y, z = (side * component + 0.0 for component in unit(case.at_end_effector.force))
+            numbers.setdefault((x, y, z), k)
+    return tuple(object_beyond(outwards, k) for outwards, k in numbers.items())
 
 
 def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:

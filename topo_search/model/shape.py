@@ -273,13 +273,15 @@ class Cone(Shape):
     axis: Vector | None
     """Unit vector from the apex into the cone; None: towards the COM."""
     apex: Vector = NOWHERE
+    content: str = "airflow"
+    """What must stay inside, in words."""
     corners = ()
     contains_airflow = True
 
     @property
     def words(self) -> str:
         """See `Shape.words`."""
-        return f"{'cone' if self.half_angle_deg < 90 else 'half-space'} that must contain all airflow"
+        return f"{'cone' if self.half_angle_deg < 90 else 'half-space'} that must contain all {self.content}"
 
     @property
     def takes_direction_from_com(self) -> bool:

@@ -40,7 +40,7 @@ from topo_search.model.features import (
     with_defaults,
 )
 from topo_search.model.folds import Folds, folds_text, intersect
-from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
+from topo_search.model.load_case import LoadCase, broken_rules, labels, objects, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
@@ -184,6 +184,8 @@ class Task(Value):
             n = self.sizes[-1]
             units = self.force_unit(n), self.torque_unit(n)
             yield from broken_rules(self.load_cases, *units)
+            if len(self.exposure) + len(objects(self.load_cases)) > LIMITS.requirements:
+                yield "exposure", f"must have at most {LIMITS.requirements} entries, objects of `contact` included"
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.at(level).flight for level in self.goals.levels)
             yield from dict.fromkeys(x for flight in flights for x in flight.broken_reserves(corners, n, *units))
@@ -403,6 +405,7 @@ class Task(Value):
                 "modules": n,
                 "module": self.module.resolve(),
                 "end_effector": end_effector,
+                "exposure": (*self.exposure, *objects(self.cases)),
                 "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
                 "task_seed": None,
                 "search": self.search.model_copy(update=lengths),
@@ -442,6 +445,9 @@ class ResolvedTask(Task):
             if case.carries_weight:
                 text = "must be false in a design, the weight being written out in `com`, but got true"
                 yield ("load_cases", k, "carries_weight"), text
+            if case.contact is not None:
+                text = "must be left out in a design, the object being written out in `exposure`, but got"
+                yield ("load_cases", k, "contact"), f"{text} {show(case.contact)}"
 
     def with_rod(self, rod: CountedRod | None) -> ResolvedTask:
         """Return the task for a platform whose rod counts, or None; loads in units of weight grow with it."""

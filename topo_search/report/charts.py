@@ -14,6 +14,7 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
+from topo_search.model.exposure import solid_name
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.report import PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, modules
@@ -60,8 +61,9 @@ def _requirement(pair: Clearance) -> str:
     """Return a name for what a module must stay clear of."""
     if name := {"exclusion": "tip", "rod": "rod", "rod-airflow": "rod, airflow"}.get(pair.kind):
         return name
-    solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
-    return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")
+    region = solid_name(pair.b, pair.segment, pair.contact)
+    solid = {"part-region": region, "rod-region": f"rod, {region}"}.get(pair.kind)
+    return solid or f"exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> Figure:

@@ -66,7 +66,7 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
 
 
 def findings(design: Design, audit: Audit) -> tuple[str, ...]:
-    """Return sentences on overlapping airflow, build tolerances, and the cost of a shorter rod."""
+    """Return sentences on overlapping airflow, placement, build tolerances, and the cost of a shorter rod."""
     sentences = []
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
@@ -76,7 +76,8 @@ def findings(design: Design, audit: Audit) -> tuple[str, ...]:
             "possible."
         )
     shorter = design.shorter_rod if audit.verdict == "clear" else None
-    return *sentences, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
+    placed = () if audit.placement is None else audit.placement.sentences()
+    return *sentences, *(sentence(words) for words in (*placed, audit.tolerances_words, shorter) if words)
 
 
 def errors(audit: Audit) -> Table | None:

@@ -19,15 +19,20 @@ Facts = tuple[str, Sequence[tuple[str, str]]]
 
 def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
     """Return everything that a task specifies except its load cases; `larger`: the same with more modules."""
-    numbered = [(exposure, (f"requirement {e}", requirement(exposure))) for e, exposure in enumerate(task.exposure)]
+    numbered = [
+        (region, (f"requirement {e}" if region.contact is None else "object", requirement(region)))
+        for e, region in enumerate(task.exposure)
+    ]
     regions = [fact for exposure, fact in numbered if exposure.geometry]
-    speeds = [fact for exposure, fact in numbered if not exposure.geometry]
+    speeds = [fact for exposure, fact in numbered if not exposure.geometry and exposure.speed is not None]
+    solids = [fact for exposure, fact in numbered if exposure.solid and not exposure.geometry]
     return (
         ("platform", list(_platform(task, *larger))),
         ("module", list(_module(task))),
         ("airflow envelope", list(_envelope(task))),
         ("end-effector", list(_end_effector(task))),
         ("must stay out of the airflow", regions or [("regions", "none, only the platform's own modules")]),
+        *([("air may enter, rigid parts may not", solids)] if solids else []),
         *([("air speed", speeds)] if speeds else []),
         *_flight(task),
         ("search", _search(task)),
@@ -129,10 +134,11 @@ def goals(task: Task) -> Facts:
 
 def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
+    solid = "; solid: rotors, arms and rod stay out too" if exposure.solid and exposure.geometry else ""
     if exposure.speed is None:
-        return exposure.words
+        return exposure.words + solid
     reach = "" if exposure.speed_reach is None else f" within {length(exposure.speed_reach)} of the end-effector"
-    return f"{exposure.words}; air there at most {figures(exposure.speed)} m/s{reach}"
+    return f"{exposure.words}{solid}; air there at most {figures(exposure.speed)} m/s{reach}"
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:

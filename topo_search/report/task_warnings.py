@@ -30,11 +30,14 @@ from collections.abc import Iterator
 from itertools import chain, starmap
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from topo_search.limits import quantity
 from topo_search.model.body import OUTWARDS, Body
 from topo_search.model.folds import folds_text
-from topo_search.model.load_case import LoadCase
+from topo_search.model.load_case import LoadCase, objects
 from topo_search.model.module import Module
+from topo_search.model.placement import blocks
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width
 from topo_search.model.task import Task
@@ -287,7 +290,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
         _rod(task, n),
         _lengths(task, n),
     )
-    requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task))
+    requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _tool_side(task), _search(task))
     return tuple(starmap(TaskWarning, chain(parts, requirements)))
 
 
@@ -411,6 +414,21 @@ def _load_cases(task: Task, n: int) -> Doubts:
     weights = [case.weight for case in cases if case.weight]
     if max(weights) > 1000 * min(weights):  # effort then counts for the heavier load case alone
         yield "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
+
+
+def _tool_side(task: Task) -> Doubts:
+    """Yield load cases that leave open from which side the tool comes to exert their force."""
+    if task.load_cases == "ten-wrenches" or task.end_effector.rod == "none":
+        return
+    regions = (*task.exposure, *objects(task.load_cases))
+    for k, case in enumerate(task.load_cases):
+        f = np.array(case.at_end_effector.force)
+        if f.any() and not blocks(regions, f) and not blocks(regions, -f):
+            yield (
+                f"load_cases[{k}].contact",
+                "from which side the tool comes is open, so its rod may pull where you mean it to push: if it "
+                'pushes against an object, set contact = "push"',
+            )
 
 
 def _search(task: Task) -> Doubts:

@@ -220,6 +220,12 @@ class Answer:
         return () if self.audit is None or self.audit.air is None else self.audit.air.fast
 
     @property
+    def placement(self) -> tuple[str, ...]:
+        """Where the best design's rod pulls, and what solid regions its rotors are near, from its audit."""
+        place = None if self.audit is None else self.audit.placement
+        return () if place is None else tuple(place.sentences())
+
+    @property
     def tolerances(self) -> str | None:
         """What the task's tolerances leave of the best design's clearances, and whether that is required."""
         return None if self.audit is None else self.audit.tolerances_words

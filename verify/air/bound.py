@@ -237,7 +237,11 @@ def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
         name=name,
         tip_m_s=clamp(float(at_tip.sum())),
         tip_estimate_m_s=clamp(float(np.linalg.norm(at_tip))),
-        regions=tuple(_region(number, exposure, scene, jets) for number, exposure in enumerate(exposures)),
+        regions=tuple(
+            _region(number, exposure, scene, jets)
+            for number, exposure in enumerate(exposures)
+            if exposure.contact is None
+        ),
         rotors=tuple(_rotors(jets, scene.design.task.module, scene.design.task.air_density)),
     )
 
