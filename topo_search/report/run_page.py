@@ -70,7 +70,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     return {
         "title": f"{request.task.name}: {modules(n) if shown else _no_design(answer)}",
         "key": shown.key if shown else None,
-        "answer": _answer(answer, request.task.name, shown, size),
+        "answer": _answer(answer, request.task.name, shown, size) + f" {sentence(DROPPED)}" * bool(answer.fragile),
         "sizes": () if shown else tuple(f"{modules(size.modules)}: {size.reason}." for size in answer.sizes),
         "advice": tuple(
             f"{modules(size.modules)}: {advice}."
@@ -80,7 +80,6 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "miss": None if shown else _miss(folder),
         "tiles": tiles,
         "notes": (
-            *([sentence(DROPPED)] if answer.fragile else []),
             *_user_inputs(request.user_inputs),
             *_merge_note(answer.sizes),
             *(note for size in answer.sizes for note in _size_notes(size, shown)),

@@ -17,7 +17,7 @@ it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from heapq import nsmallest
@@ -378,11 +378,16 @@ def _pairs(searches: Sequence[_Bisection]) -> Iterator[_Bisection]:
                 yield _Bisection(tree, pair)
 
 
-def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: int, seed: int) -> Relaxed | None:
+def relax(
+    task: Task,
+    topologies: Sequence[Topology],
+    tools: Tools,
+    *,
+    starts: int,
+    seed: int,
+    kept: Collection[str] = (),
+) -> Relaxed | None:
     """Return the limits that give trees without a design one when relaxed; None if the time was too short.
-
-    Of a task with defaults of flying tasks, which has an answer without them, only single limits of its own
-    are relaxed, for one tree.
 
     Args:
         task: the task as the user wrote it.
@@ -390,14 +395,16 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
         tools: solver, audit, bounds, engine, observer and time limit.
         starts: number of starts of the run; at most STARTS of them are used.
         seed: seeds the random starts.
+        kept: fields that are not relaxed, because an answer without them exists; then only single limits are
+            relaxed, for one tree.
     """
-    trees, n = topologies[: 1 if task.flight.filled else RELAXING.trees], topologies[0].n
+    trees, n = topologies[: 1 if kept else RELAXING.trees], topologies[0].n
     job_starts, resolved = range(min(starts, STARTS)), task.resolve(n)
     proven = tools.backends.prove_impossible(resolved) is not None  # otherwise no easier task is proven impossible
-    limits = [limit for limit in relaxable(task, n) if limit.field not in task.flight.filled]
+    limits = [limit for limit in relaxable(task, n) if limit.field not in kept]
     searches = [_Bisection(tree, limit) for tree in trees for limit in limits]
     ended = _bisect(searches, tools, resolved, job_starts, seed, proven=proven)
-    if ended and not task.flight.filled and not any(search.helps for search in searches):
+    if ended and not kept and not any(search.helps for search in searches):
         pairs = [*_pairs(searches)]
         ended = _bisect(pairs, tools, resolved, job_starts, seed, proven=proven)
         searches += pairs
@@ -511,7 +518,8 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
         is_current = stored is not None and stored.starts >= request.starts and not stored.untried
         if not is_complete or is_current or not (trees := _closest_trees(folder, n, proven=proven)):
             continue
-        relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed)
+        kept = request.task.flight.filled
+        relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed, kept=kept)
         if relaxed is not None:
             folder.write_file(f"{RunFile.RELAXED}/n{n}.json", to_json(relaxed))
 
