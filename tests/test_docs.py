@@ -26,7 +26,10 @@ from topo_search.compose import searching
 from topo_search.export import formats
 from topo_search.model import Task
 from topo_search.model.files import to_toml
+from topo_search.model.flying import FLYING
 from topo_search.model.task_file import read_task
+from topo_search.simulation.campaign import fly_all
+from topo_search.simulation.fly import Options
 
 CORE_PATH = (
     *("tutorials/first-search.md", "tutorials/own-module.md", "how-to/load-cases.md"),
@@ -59,20 +62,31 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
 
 
 def test_the_tasks_of_other_pages_are_read():
-    first, both = map(tomllib.loads, blocks("toml", "../../README.md"))
+    first, _ = map(tomllib.loads, blocks("toml", "../../README.md"))
     assert Task.model_validate(first) == read_task("push")
-    (case,) = Task.model_validate({**first, **both}).load_cases
-    assert case.end_effector is not None
-    assert case.carries_weight
     (bridge,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
     assert bridge.exposure[0].solid
     assert bridge.end_effector.stand_off == 0.4
     sets, reserves = map(tomllib.loads, blocks("toml", "how-to/load-cases.md"))
     task = Task.model_validate({**sets, **reserves}).resolve(4)
-    assert task.flight.force_reserve == pytest.approx(0.1 * task.force_unit(4))
+    assert task.flight.force_reserve == pytest.approx(0.25 * task.force_unit(4))
+    stated = {path: reserves[table][field] for path in FLYING for table, field in [path.split(".")]}
+    assert stated == {**FLYING, "flight.angular_acceleration": [11, 11, 11]}
     press, screw, hover = task.load_cases
     assert [len(case.corners) for case in (press, screw, hover)] == [9, 2, 0]
     assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("page", "number"), [("../../README.md", 1), ("tutorials/first-search.md", 1), ("how-to/bridge.md", 0)]
+)
+def test_the_tasks_of_pages_that_hover_fly_as_printed(page, number, tmp_path, in_process):
+    task = Task.model_validate(tomllib.loads(blocks("toml", page)[number]))
+    answer = search(task, out=tmp_path / "run", starts=4)
+    assert answer.exit_status == 0
+    assert not answer.fragile
+    assert fly_all(answer.design, Options()).result.outcome == "recovered"
 
 
 def test_the_geometry_without_inputs_is_audited_as_shown(tmp_path, monkeypatch):
