@@ -36,7 +36,7 @@ NAMES = (
     "flying/survives-a-rotor",
 )
 FILMED = {"push-a70010": "the winner of push", "wall-push": "wall-push"}
-STILLS = (0.0, 0.8, 1.6, 2.4, 4.0)
+STILLS = (0.0, 0.8, 1.6, 2.4, 3.2)
 """Times of the stills in the return from +x [s]."""
 WIDTH = 1000
 """Width of the page [pixels]."""
