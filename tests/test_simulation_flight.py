@@ -8,6 +8,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from suites import few
 
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
-from topo_search.model.load_case import ForceCone
+from topo_search.model.load_case import ForceCone, objects
 from topo_search.model.reserves import AskedFlight
 from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, plan, worst_wakes
 from topo_search.simulation.fly import Options, fly
@@ -282,6 +283,16 @@ def test_every_corner_of_a_set_of_wrenches_is_flown(wall_press: Design) -> None:
     assert "rotors could not produce" in out_of_reach.reason
     assert falling.reason.startswith("not a steady flight")
     assert falling.reason.endswith("; nor are its 2 corners")
+
+
+@pytest.mark.parametrize(("contact", "walls"), [("push", 1), ("pull", 0)])
+def test_a_case_that_pulls_at_an_object_is_not_flown_against_a_wall(
+    wall_press: Design, contact: Literal["push", "pull"], walls: int
+) -> None:
+    case = wall_press.task.load_cases[0].replace(contact=contact)
+    task = wall_press.task.model_copy(update={"exposure": objects([case])})
+    planned = plan(wall_press.model_copy(update={"task": task}), 0, False)
+    assert [each.counts for each in planned if each.name.endswith(", wall")] == walls * [True]
 
 
 def test_of_many_corners_those_are_flown_that_can_grow_least(wall_press: Design) -> None:

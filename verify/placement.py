@@ -15,7 +15,7 @@ import numpy as np
 
 from topo_search.model import Mount
 from topo_search.model.exposure import solid_name
-from topo_search.model.placement import NEAR_RADII, NearSolid, Placement, Pulling, blocks
+from topo_search.model.placement import NEAR_RADII, NearSolid, Placement, Pulling, must_pull
 from verify.bodies import AllowedCone
 from verify.requirements import Scene
 from verify.sections import Findings
@@ -38,8 +38,7 @@ def _pulling(scene: Scene, mount: Mount | None) -> Iterator[Pulling]:
         f = np.array(case.at_end_effector.force)
         sizes = np.linalg.norm(rod) * np.linalg.norm(f)
         angle = math.degrees(math.acos(max(-1.0, rod @ f / sizes))) if sizes else 0.0
-        is_pull = blocks(task.exposure, -f) and not blocks(task.exposure, f)
-        if round(angle, 1) > 90 and not is_pull:
+        if round(angle, 1) > 90 and not must_pull(task.exposure, f):
             yield Pulling(name=name, angle_deg=angle)
 
 

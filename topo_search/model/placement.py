@@ -76,3 +76,9 @@ def blocks(regions: Iterable[AnyExposure], direction: Array) -> bool:
         for shape in (region.shapes if region.solid else ())
         if not shape.takes_direction_from_com
     )
+
+
+def must_pull(regions: Iterable[AnyExposure], force: Array) -> bool:
+    """Return whether an object lies behind the end-effector, seen along a force, (3,), and none before it."""
+    regions = tuple(regions)
+    return blocks(regions, -force) and not blocks(regions, force)

@@ -17,6 +17,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.flight import RotorsOut
 from topo_search.model.load_case import labels
+from topo_search.model.placement import must_pull
 from topo_search.model.value import BadInput, Fault
 from topo_search.simulation import scenarios
 from topo_search.simulation.controller import Allocator, Controller
@@ -210,7 +211,8 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario
             also = f"; nor are its {len(case.corners)} corners" if case.corners else ""
             planned.append(ScenarioResult(name=name, verdict="not flown", reason=why + also))
             continue
-        planned += scenarios.hold(name, case, solid=solid) or [_as_hover(name)]
+        pulls = must_pull(design.task.exposure, np.array(case.at_end_effector.force))
+        planned += scenarios.hold(name, case, solid=solid, pulls=pulls) or [_as_hover(name)]
         selected = [number for number in range(len(case.corners)) if (k, number) in weakest]
         for number in selected:  # without a wall: only the case's own load defines one
             corner_name = f"{name}, corner {number}"

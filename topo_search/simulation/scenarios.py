@@ -125,7 +125,7 @@ def hold_at_tip(name: str, case: LoadCase) -> Scenario | None:
     return Scenario(name, 6.0, 3.5, exerted=wrench) if wrench.any() else None
 
 
-def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
+def hold(name: str, case: LoadCase, *, solid: bool = False, pulls: bool = False) -> list[Scenario]:
     """Return a load case held against the load on the end-effector, and a pure push against a wall as well.
 
     All parts collide with the wall. Only a solid region keeps parts away from it, so otherwise it does not count.
@@ -134,13 +134,14 @@ def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
         name: name of the load case.
         case: the load case.
         solid: whether the task has a solid region.
+        pulls: whether the object is behind the end-effector, so that there is no wall to push against.
     """
     loaded = hold_at_tip(f"{name}, load at the tip", case)
     if loaded is None:
         return []
     scenarios, wrench = [loaded], loaded.exerted
     force = np.linalg.norm(wrench[:3])
-    if force > 0 and not wrench[3:].any():
+    if force > 0 and not wrench[3:].any() and not pulls:
         pressing = replace(loaded, name=f"{name}, wall", seconds=8.0, judged_from=5.5, ramp_at=3.0, counts=solid)
         scenarios.append(replace(pressing, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
     return scenarios
