@@ -8,5 +8,8 @@ from topo_search.model.flying import with_older_defaults
 
 
 def older_task(data: Mapping[str, Any] | None = None, **fields: Any) -> Task:
-    """The task of these fields, with the meaning that files of the first version give to those left out."""
-    return Task.model_validate(with_older_defaults({**(data or {}), **fields}))
+    """The task of these fields; those left out mean what they do in older files, but tolerances are required."""
+    fields = {**(data or {}), **fields}
+    if isinstance(tolerances := fields.get("tolerances"), Mapping) and any(tolerances.values()):
+        fields["flight"] = {"tolerances": True, **fields.get("flight", {})}
+    return Task.model_validate(with_older_defaults(fields))

@@ -192,7 +192,7 @@ def test_few_files_name_a_kind():
 def test_of_those_that_use_shapes_only_the_solver_names_one():
     model, solver = (
         ("shape", "exposure"),
-        ("requirements/exposure", "air/limits", "bounds/reach", "starts/random_starts"),
+        ("requirements/exposure", "air/fastest", "bounds/reach", "starts/random_starts"),
     )
     expected = {f"topo_search/model/{name}.py" for name in model} | {f"nlp/{name}.py" for name in solver}
     assert files_that_name({shape.__name__ for shape in Shape.__subclasses__()}) == expected

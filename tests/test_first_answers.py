@@ -12,7 +12,7 @@ from topo_search.simulation.campaign import fly_all
 from topo_search.simulation.fly import Options
 
 TASKS = {path.stem: path for path in sorted((Path(__file__).parent / "tasks").glob("*.toml"))}
-FRAGILE = {"drill", "plug", "sensor"}
+FRAGILE = {"drill", "plug", "sensor", "sensor-contact"}
 """Tasks whose defaults no design of three modules holds: a wall keeps out the air of a heavy tool's platform."""
 
 

@@ -22,14 +22,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from heapq import nsmallest
 from itertools import combinations, islice
-from typing import Any, cast
+from typing import Any
 
 from pydantic import ValidationError
 
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.limits import length
 from topo_search.model import Audit, Geometry, Infeasible, Relaxed, ResolvedTask, Task, Topology
-from topo_search.model.exposure import Allowed
+from topo_search.model.exposure import Plane
 from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS, Amount, Relaxation, Setting
 from topo_search.model.shape import NOWHERE
@@ -222,8 +222,7 @@ def _planes(task: Task, n: int) -> Iterator[Relaxable]:
     """Yield the room of airflow between planes, which move outwards, but for walls that the tip touches."""
     whole = task.module.region_envelope.length
     for e, exposure in enumerate(task.exposure):
-        planes = exposure.planes if isinstance(exposure, Allowed) else ()
-        movable = tuple(k for k, plane in enumerate(planes) if plane.offset or not exposure.solid)
+        movable = tuple(k for k, plane in enumerate(_planes_of(task, e)) if plane.offset or not exposure.solid)
         if movable:
             numbers, limit = ", ".join(map(str, movable)), f"exposure {e} ({exposure.kind})"
             field = f"exposure[{e}].planes[{numbers}].offset"
@@ -232,14 +231,18 @@ def _planes(task: Task, n: int) -> Iterator[Relaxable]:
 
 
 def _offsets(e: int, movable: Sequence[int], task: Task) -> tuple[float, ...]:
-    planes = cast(Allowed, task.exposure[e]).planes
+    planes = _planes_of(task, e)
     return tuple(planes[k].offset for k in movable)
+
+
+def _planes_of(task: Task, e: int) -> tuple[Plane, ...]:
+    return getattr(task.exposure[e], "planes", ())
 
 
 def _move_planes(e: int, movable: Sequence[int], whole: float, task: Task, share: float) -> Task:
     moved = [
         plane.model_copy(update={"offset": round(plane.offset + share * whole, 3)}) if k in movable else plane
-        for k, plane in enumerate(cast(Allowed, task.exposure[e]).planes)
+        for k, plane in enumerate(_planes_of(task, e))
     ]
     return task.with_fields(e, planes=tuple(moved))
 
