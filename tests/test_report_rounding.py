@@ -169,7 +169,14 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         candidate = toy_row("a300", objective=x, gap=0.1), ProofState(x, 0.1, "task", "within"), None
         check(ranking([candidate], proofs=True)["candidates"]["rows"][0][-3:], least=x)
         check(bound(x, 0.1, hover(3))[0], least=x)
-        size = {"modules": 3, "candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}
+        size = {
+            "modules": 3,
+            "candidates": 3,
+            "quotient": "",
+            "impossible": None,
+            "lower_bound": x,
+            "defaults_share": None,
+        }
         check([words for _, words in _expectations([size])], least=x)
         row = toy_row("a300", objective=x, gap=0.1)
         print(*_rows((row,)), sep="\n")
