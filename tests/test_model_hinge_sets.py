@@ -78,7 +78,7 @@ def test_a_task_without_a_design_is_told_to_leave_the_set_out():
         limits = {each.limit: each for each in relaxable(of(setting), 3)}
         freed = limits["set of hinge angles"]
         assert freed.field == f"search.{setting.partition('=')[0]} left out"
-        assert freed.relaxed(freed.largest_share) == read_task("push", ("modules=3",))
+        assert freed.relax(freed.largest_share) == read_task("push", ("modules=3",))
     assert "set of hinge angles" not in {each.limit for each in relaxable(read_task("push"), 3)}
 
 

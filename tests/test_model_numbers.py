@@ -94,7 +94,7 @@ def test_units_of_weight() -> None:
 def test_torques_are_in_arm_lengths() -> None:
     case = LoadCase(end_effector=Wrench(torque=(1.0, 0.0, -2.0)), weight=3.0).to_si(10.0, 2.0)
     assert case == LoadCase(units="SI", end_effector=Wrench(torque=(2.0, 0.0, -4.0)), weight=3.0)
-    assert case.to_si(10.0, 2.0) is case
+    assert case.to_si(10.0, 2.0) == case
 
 
 def test_derived_defaults_of_the_search() -> None:
