@@ -345,7 +345,7 @@ def test_without_geometry_the_speed_alone_is_asked_for() -> None:
     ("fields", "words"),
     [
         ({"speed": 0.0}, "greater than 0"),
-        ({"geometry": False}, "`speed` must be given"),
+        ({"geometry": False}, "`speed` or `solid` must be given"),
         (
             {"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]},
             "distance of every plane",
