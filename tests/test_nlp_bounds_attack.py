@@ -63,7 +63,7 @@ def random_case(rng, push, newtons, metres):
     return {**case, str(place): {"force": force.tolist(), "torque": torque.tolist()}}
 
 
-def random_task(rng, *, flies=False):
+def random_task(rng, *, flies=False, counts_rod=False):
     """A task of one to four modules with any of the features that a proof reads; flight and walls if it flies."""
     scale, n = float(rng.choice([1.0, 1.0, 0.02, 30.0])), int(rng.choice([1, 2, 3, 4], p=[0.1, 0.2, 0.35, 0.35]))
     module = random_module(rng, scale)
@@ -90,21 +90,49 @@ def random_task(rng, *, flies=False):
     }
     if rng.random() < 0.3:
         search |= {"body_clearance": False}
-    of_joints, of_inputs = rng.spawn(2)
+    of_joints, of_inputs, of_rods = rng.spawn(3)
     if of_inputs.random() < 0.5:
         module["min_input"] = of_inputs.uniform(0.0, 0.15)
     if of_joints.random() < 0.5:
         module["joint_mass"] = float(module.get("mass", 0.24) * of_joints.uniform(0.0, 0.5))
+    cases, flight = [random_case(rng, push, newtons, l_arm) for _ in range(n_cases)], {}
     task = {
         "name": "attack",
         "modules": n,
         "module": module,
         "end_effector": end_effector,
-        "load_cases": [random_case(rng, push, newtons, l_arm) for _ in range(n_cases)],
+        "load_cases": cases,
         "exposure": [exposure[rng.integers(3)]] if rng.random() < 0.25 else [],
         "search": search,
     }
-    return older_task(task | (random_flight(rng, l_arm) if flies else {})).resolve(n)
+    if flies:
+        flight = random_flight(rng, l_arm)
+    if counts_rod:
+        end_effector |= random_rod(of_rods, newtons / 9.81, l_arm)
+        for case in cases:
+            case["carries_weight"] = bool(of_rods.random() < 0.4)
+        units = {"units": "SI", "force_reserve": 0.1 * newtons, "torque_reserve": 0.1 * newtons * l_arm}
+        flight.get("flight", {}).update(
+            {
+                "com_error": 0.1 * l_arm,
+                "tilt_deg": 5.0,
+                "around": str(of_rods.choice(["hover", "all"])) if n_cases < 3 else "hover",
+            },
+            **(units if of_rods.random() < 0.5 else {}),
+        )
+    return older_task(task | flight).resolve(n)
+
+
+def random_rod(rng, mass, l_arm):
+    """A rod that counts, from weightless to half as heavy as a platform of some mass [kg]."""
+    reach = l_arm * rng.uniform(0.5, 8.0)
+    density = mass / reach * rng.choice([0.0, rng.uniform(0.0, 0.05), rng.uniform(0.0, 0.5)])
+    return {
+        "rod": "straight",
+        "rod_mass": "included",
+        "largest_reach": float(reach),
+        "rod_linear_density": float(density),
+    }
 
 
 def random_flight(rng, l_arm):

@@ -50,6 +50,21 @@ def dual_value(task, tree, theta, tip, y, walls):
     return dual_value_in(Units.of(task), task, tree, theta, tip, y, walls, proof_task(task, "task"))
 
 
+def placed(task, tree, at, tip):
+    """Joints, centre of mass and end-effector of a platform, which has its tip there unless the task fixes it."""
+    module, l_c, fixed = task.module, task.module.connector_distance, task.end_effector.fixed_position
+    mass, on_tip, rod = task.total_mass(tree.n), task.end_effector.mass, task.end_effector.counted_rod
+    joints = np.array([at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in tree.edges()]).reshape(-1, 3)
+    on_modules = module.mass * at.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
+    if rod is not None:  # half of it at either end
+        foot = at.p[rod.module] + l_c * at.R[rod.module] @ PORT_DIRECTIONS[rod.port]
+        on_modules, on_tip = on_modules + rod.mass / 2 * foot, on_tip + rod.mass / 2
+    if fixed is None:
+        return joints, (on_modules + on_tip * tip) / mass, tip
+    p_COM = (on_modules + on_tip * np.array(fixed)) / (mass - on_tip)
+    return joints, p_COM, p_COM + np.array(fixed)
+
+
 def dual_value_in(unit, task, tree, theta, tip, y, walls, bounded):
     """The dual function with the audit's kinematics and wrenches, inputs within limits, in some units.
 
@@ -57,14 +72,7 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, bounded):
     """
     module, n = task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
-    mass, fixed, l_c = task.total_mass(n), task.end_effector.fixed_position, module.connector_distance
-    joints = np.array([at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in tree.edges()]).reshape(-1, 3)
-    on_modules = module.mass * at.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
-    if fixed is None:
-        p_COM = (on_modules + task.end_effector.mass * tip) / mass
-    else:
-        p_COM = (on_modules + task.end_effector.mass * np.array(fixed)) / (mass - task.end_effector.mass)
-        tip = p_COM + np.array(fixed)
+    joints, p_COM, tip = placed(task, tree, at, tip)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
     platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, joints - p_COM)

@@ -53,6 +53,7 @@ class Bounded(Prover):
 
 def proven(path, prover, **options):
     given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": SilentObserver(), **options}
+    given = {"solve": toy_problem.solve} | given
     return prove(path, prover, lambda task, tree: 0, **given)
 
 
@@ -373,6 +374,27 @@ def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():
     for which, cases in (("hover", "hover"), ("all", "hover and load cases that carry the weight")):
         dead = plain.with_fields("flight", rotor_out=which).with_fields("module", min_input=0.1)
         assert f"; with {cases} with any one rotor dead, minimum inputs;" in problem(dead, "task")
+
+
+@pytest.mark.parametrize("rod_mass", ["included", "ignored"])
+def test_a_proof_tells_at_its_start_which_gap_the_mass_of_a_rod_leaves(tmp_path, log, rod_mass):
+    task = older_task(toy_task().model_dump(), end_effector={"rod_mass": rod_mass})
+    toy_run(tmp_path / "run", task=task)
+    prover, told = Prover(), []
+
+    class Listening(SilentObserver):
+        def note(self, text):
+            told.append((len(prover.asked), text))
+
+    def without_mass(job):
+        (best,) = job.near
+        assert job.task.end_effector.rod_mass == "ignored"
+        return best.model_copy(update={"objective": (1 - 0.04567) * best.objective})
+
+    proven(tmp_path / "run", prover, solve=without_mass, observer=Listening())
+    texts = [text for asked, text in told if "can be proven" in text and asked == 0]
+    assert len(texts) == (rod_mass == "included")
+    assert all(says(text, "3 modules: no gap under 4.56 % can be proven", "so much less effort") for text in texts)
 
 
 def test_a_proof_with_a_wall_is_none_of_a_task_without():

@@ -252,7 +252,7 @@ def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **opti
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
     prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
     options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
-    return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
+    return prove_run(path, nlp.prove_chunk, nlp.proof_root, backends(()).solve, **options)
 
 
 def _refuse_gap(name: str, gap: float) -> None:

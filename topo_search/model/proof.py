@@ -14,7 +14,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.load_case import Wrench
+from topo_search.model.end_effector import CountedRod
+from topo_search.model.load_case import LoadCase, Wrench
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
 from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
@@ -37,17 +38,35 @@ def proof_task(task: ResolvedTask, problem: Problem) -> ResolvedTask:
 
     For balls of reserves, `solver` has the corners around them and `task` points of the balls themselves. Angular
     accelerations and the torque required with a dead rotor are dropped, and all reserves and failures if
-    `search.peak_input` is less than 1.
+    `search.peak_input` is less than 1. If the rod has mass, the task is that of the lightest platform, without
+    corners that the heaviest one lacks.
     """
+    light, heaviest_cases = _expand(task.lightest, problem), cases_with_heaviest_rod(task, problem)
+    if not isinstance(light, CorneredTask):
+        return light
+    first_numbers = dict[tuple[int | None, Wrench, Wrench], int]()
+    for c, (label, case, dead, acceleration) in enumerate(light.corners):
+        if not any(acceleration) and label in heaviest_cases:
+            first_numbers.setdefault((dead, case.at_end_effector, case.at_com), c)  # hover may also be a load case
+    return light.with_corners(first_numbers.values())
+
+
+def cases_with_heaviest_rod(task: ResolvedTask, problem: Problem) -> dict[str, LoadCase]:
+    """Return load cases and corners by label, for a platform with the heaviest rod of a clear design.
+
+    With a rod of a share s of that mass, s times such a wrench plus 1 - s times the one without a rod is required
+    too, or lies among required ones.
+    """
+    mass = task.lightest.heaviest_rod
+    rod = CountedRod(module=0, port=0, mass=mass) if mass else None
+    heaviest = _expand(task.with_rod(rod), problem)
+    return dict(zip(heaviest.case_labels, heaviest.load_cases, strict=True))
+
+
+def _expand(task: ResolvedTask, problem: Problem) -> ResolvedTask:
     bare_task = task.with_fields("flight", rotor_out_torque=None)
     cornered = to_corners(bare_task, inner=problem == "task" or task.search.peak_input < 1)
-    if not isinstance(cornered, CorneredTask):
-        return task
-    first_numbers = dict[tuple[int | None, Wrench, Wrench], int]()
-    for c, (_, case, dead, acceleration) in enumerate(cornered.corners):
-        if not any(acceleration):
-            first_numbers.setdefault((dead, case.at_end_effector, case.at_com), c)  # hover may also be a load case
-    return cornered.with_corners(first_numbers.values())
+    return cornered if isinstance(cornered, CorneredTask) else task
 
 
 def chunk_count(n: int) -> int:

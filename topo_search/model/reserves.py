@@ -326,12 +326,13 @@ def _corners(words: str, case: LoadCase, field: str, vectors: Array, point: Poin
 
 def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
     """Yield a corner with offsets of the centre of mass: the outline of the cube of errors, along the force."""
-    com, offsets = corner.case.at_com, box_corners(error)
+    com, offsets, numbers = corner.case.at_com, box_corners(error), np.arange(8)
     force = np.array(com.force)
     force[np.abs(force) <= 1e-12 * np.linalg.norm(force)] = 0.0
     if (components := np.count_nonzero(force)) > 1:
-        offsets = offsets[np.abs(np.sign(offsets * force).sum(axis=1)) < components]
-    for number, torque in enumerate(np.unique(np.cross(offsets, force), axis=0)):
+        numbers = np.flatnonzero(np.abs(np.sign(offsets * force).sum(axis=1)) < components)
+    torques, first = np.unique(np.cross(offsets[numbers], force), axis=0, return_index=True)
+    for number, torque in zip(numbers[first], torques, strict=True):
         x, y, z = np.add(com.torque, torque).tolist()
         case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
         yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)

@@ -466,11 +466,12 @@ class ResolvedTask(Task):
 
     @property
     def heaviest_rod(self) -> float:
-        """Largest mass of a counted rod in a clear design [kg]."""
+        """Largest mass of a counted rod in a clear design [kg]: it may be off by TOLERANCE of the total mass."""
         if self.end_effector.rod_mass == "ignored":
             return 0.0
         longest = (self.largest_reach(self.n) or 0.0) + TOLERANCE * self.module.arm_length
-        return self.end_effector.rod_linear_density * longest + TOLERANCE * self.total_mass(self.n)
+        heaviest = self.end_effector.rod_linear_density * longest
+        return (heaviest + TOLERANCE * self.total_mass(self.n)) / (1 - TOLERANCE)
 
     @property
     def declared(self) -> ResolvedTask:

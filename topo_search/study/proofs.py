@@ -142,6 +142,8 @@ def bounded_requirements(task: ResolvedTask, about: Problem) -> list[str]:
         if flight.rotor_out != "none":
             which = "hover" if flight.rotor_out == "hover" else "hover and load cases that carry the weight"
             words.append(f"{which} with any one rotor dead")
+    if rod_mass := task.lightest.heaviest_rod:
+        words.append(f"rods of any mass up to {upper_text(rod_mass, 3)} kg")
     words += ["minimum inputs"] * (task.min_input > 0)
     if half_spaces(task.exposure) and task.end_effector.fixed_position is None:
         words.append("half-spaces that hold the airflow")

@@ -13,11 +13,21 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
-from topo_search.model import BadInput, CheckedChunk, Chunk, Fault, Proof, ResolvedTask, Topology
+from topo_search.engine import AuditDesign, Candidates, Engine, Failed, Job, WorkersLost, audit_deadline
+from topo_search.model import (
+    BadInput,
+    CheckedChunk,
+    Chunk,
+    Design,
+    Fault,
+    Infeasible,
+    Proof,
+    ResolvedTask,
+    Topology,
+)
 from topo_search.model.files import to_json
 from topo_search.model.proof import Aim, Problem, chunk_count
-from topo_search.model.proven import gap_percent, lower_text
+from topo_search.model.proven import gap_percent, lower_text, upper_text
 from topo_search.study.answer import Answer
 from topo_search.study.answering import answer_of, detect_loss
 from topo_search.study.directory import CHANGED, RunFile
@@ -130,6 +140,7 @@ def prove(
     path: Path,
     prove_chunk: ProveChunk,
     centre: Callable[[ResolvedTask, Topology], int],
+    solve: Callable[[Job], Design | Infeasible],
     *,
     gap: float,
     key: str | None = None,
@@ -147,6 +158,7 @@ def prove(
         path: the run's folder.
         prove_chunk: the prover.
         centre: returns the module that is the root of a tree in its proof.
+        solve: the solver, which says what gap is within reach if the rod has mass.
         gap: share of its own best effort to which a tree is proven if it cannot be excluded.
         key: key of the only tree to prove; None: all.
         engine: runs the jobs; affects only the time.
@@ -197,6 +209,8 @@ def prove(
                         proof = Proof(task=task, topology_key=row.key, root_module=root, **scope)
                     size.proofs[row.key] = proof
                 searched_cuts = dict[str, float]()
+                if task.end_effector.rod_mass == "included" and any(p.due_chunks() for p in size.proofs.values()):
+                    _tell_reach(folder, task, incumbent, solve, engine, observer)
                 while searched_cuts != (cuts := {key: proof.cut for key, proof in size.proofs.items()}):
                     searched_cuts = cuts  # trees whose cut is lowered during the search are searched again
                     chunks = sum(len(proof.due_chunks()) for proof in size.proofs.values() if proof.open_at is None)
@@ -233,16 +247,37 @@ def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
     return prove_chunk(proof.task, proof.topology, number, proof.cut, proof.problem)
 
 
+def _tell_reach(
+    folder: RunFolder,
+    task: ResolvedTask,
+    best: Row,
+    solve: Callable[[Job], Design | Infeasible],
+    engine: Engine,
+    observer: Observer,
+) -> None:
+    """Tell which gap a proof can reach: it also covers the best design without the mass of its rod."""
+    design, _ = folder.result_of(best)
+    if design is None:
+        return
+    massless = task.with_fields("end_effector", rod_mass="ignored")
+    job = Job(massless, design.topology, range(0), folder.request.seed, (design,))
+    lighter = engine.run_one(solve, job, deadline=job.deadline)
+    if isinstance(lighter, Design) and lighter.objective < design.objective:
+        gap, mass = 100 * (1 - lighter.objective / design.objective), upper_text(1e3 * task.heaviest_rod, 3)
+        observer.note(
+            f"{task.n} modules: no gap under {lower_text(gap, 3)} % can be proven, and about that much is within "
+            f"reach: a proof covers rods of any mass up to {mass} g; without that of its own, {best.key} needs so "
+            "much less effort"
+        )
+
+
 def refuse_unprovable(request: Request, name: str) -> None:
     """Refuse a task that cannot be proven, before it is searched.
 
     Raises:
-        BadInput: the task has goals, a rod whose mass is included, or too many modules; `name`: the faulty input.
+        BadInput: the task has goals or too many modules; `name`: the faulty input.
     """
     _refuse_goals(request, name)
-    if request.task.end_effector.rod_mass == "included":
-        rule = 'must be "ignored" for a proof, which cannot include the mass of a rod, but got "included"'
-        raise BadInput(name, [Fault("end_effector.rod_mass", rule)])
     if (n := request.task.sizes[-1]) > PROOF_LIMITS.modules:
         raise BadInput(name, [Fault("modules", f"must be at most {PROOF_LIMITS.modules} for a proof, but got {n}")])
 

@@ -42,6 +42,7 @@ from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import CheckProblem
+from verify.proof.rod import rod_loss
 
 BOUND_ROUNDING = 5e-11
 """Allowance for rounding of the bound, over the sum of all magnitudes."""
@@ -192,7 +193,7 @@ def constant(problem: CheckProblem, y: Array, sigma: Array) -> float:
         for l in range(3):
             total += problem.f[k, l] * nu[l] + problem.t[k, l] * mu[l]
         total -= problem.force_error * _norm(nu) + problem.torque_error[k] * _norm(mu)
-    return total - problem.max_tip_distance * math.sqrt(a * a + b * b + c * c)
+    return total - problem.max_tip_distance * math.sqrt(a * a + b * b + c * c) - rod_loss(problem.rod, y)
 
 
 @njit(cache=True, allocates=False)
@@ -223,6 +224,7 @@ def rounding(problem: CheckProblem, y: Array, sigma: Array, triangles: Array) ->
         torque = _norm(problem.t[k]) + lever * (n * _norm(problem.h[k]) + 4 * n)
         magnitude += torque * mu + 4 * n * problem.weight[k]
         magnitude += problem.max_tip_distance * _norm(problem.g[k]) * mu * 1e-3
+        magnitude += _norm(problem.rod.df[k]) * nu + problem.rod.magnitude[k] * mu
     for r in range(len(sigma)):
         length = lever + problem.wall_distance[r] + abs(problem.wall_offset[r]) + problem.max_tip_distance * 1e-3
         magnitude += sigma[r] * length

@@ -26,24 +26,30 @@ TOLERANCE, a fixed p_E within TOLERANCE l_arm.
 In wrenches for which the audit itself finds inputs, such as hover and other centres of reserves, each component has
 an error of at most e; the torque is taken about the COM, or about the COM with its error. That is sqrt(3) e in the
 force, and sqrt(3) (1 + kappa |p_E| + sqrt(3) com_error) e in the torque about C, which is kappa p_E from the COM.
+
+With a rod that has mass, the COM is at most as far from the origin as the farthest p'_E, which the reach limits.
+The torque about the origin is that about the COM, or the COM with its error, and a lever times the force: its error
+is at most sqrt(3) (1 + max |p'_E| + sqrt(3) com_error) e, without the roots if the task has no reserves.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import LoadCase, ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.corners import CorneredTask
-from topo_search.model.proof import Problem, proof_task
+from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
+from verify.proof.rod import RodInterval, rod_interval
 from verify.requirements import half_spaces
 
 Indices = NDArray[np.int64]
@@ -77,6 +83,7 @@ class CheckProblem(NamedTuple):
     """lambda_k over the largest weight, shape (K,)."""
     dead_rotor: Indices
     """Dead rotor of each load case, 4 i + q, or -1, shape (K,)."""
+    rod: RodInterval
     u_min: float
     """Least input of a rotor that is not dead."""
     wall_normal: Array
@@ -120,6 +127,7 @@ def to_arrays(
         problem: designs that the proof covers (`topo_search.model.proof`).
         corners: numbers of the corners of `proof_task` to include; fewer corners only make bounds lower.
     """
+    heaviest, task = cases_with_heaviest_rod(task, problem), task.lightest
     bounded = proof_task(task, problem)
     if isinstance(bounded, CorneredTask):
         bounded = bounded.with_corners(corners)
@@ -137,10 +145,9 @@ def to_arrays(
     rotor_torques[:, 2] += drag * ROTOR_SPINS
     bodies = _bodies(task, tree)
     kappa = task.end_effector.mass / (n * module.mass + (n - 1) * module.joint_mass)
-    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
-    f_E, f_C = (np.array([w.force for w in wrenches]) / F for wrenches in (tip, com))
-    t_E, t_C = (np.array([w.torque for w in wrenches]) / (F * l_arm) for wrenches in (tip, com))
-    t = t_E + t_C
+    heavy_cases = [heaviest[label] for label in bounded.case_labels]
+    light, heavy = (_wrenches(each, F, l_arm) for each in (cases, heavy_cases))
+    f_E, f_C, t = light
     fixed, position_error = task.end_effector.fixed_position, np.zeros(len(cases))
     if fixed is None:
         share = 1 / (n * (1 + kappa))
@@ -149,15 +156,23 @@ def to_arrays(
         p_E = np.array(fixed) / l_arm
         t = t + np.cross((1 + kappa) * p_E, f_E) + np.cross(kappa * p_E, f_C)
         g, h = np.zeros_like(f_E), (f_E + f_C) / n
-        forces = (1 + kappa) * np.linalg.norm(f_E, axis=1) + kappa * np.linalg.norm(f_C, axis=1)
-        position_error = TOLERANCE * forces
+        for tip_forces, com_forces, _ in (light, heavy):
+            forces = (1 + kappa) * np.linalg.norm(tip_forces, axis=1) + kappa * np.linalg.norm(com_forces, axis=1)
+            position_error = np.maximum(position_error, TOLERANCE * forces)
     farthest = bodies[:, 0] * 2 * l_c * depth + np.linalg.norm(bodies[:, 1:], axis=1)
-    centroid, e = float(farthest.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
+    centroid = float(farthest.mean())
+    rod = rod_interval(task, light, heavy, int(depth.max()), centroid)
+    e = TOLERANCE * (task.total_mass(n) + rod.max_mass) * task.gravity / F
     about_C = (1 + 2 * kappa) * e
     if isinstance(bounded, CorneredTask):
         e *= math.sqrt(3)
         com_shift = kappa * task.longest_lever(n) + math.sqrt(3) * task.flight.com_error
         about_C = max(about_C, (1 + com_shift / l_arm) * e)
+    torque_error = about_C + e * centroid
+    max_tip_distance = centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE)
+    if rod.max_mass > 0.0:
+        max_tip_distance = rod.max_tip_distance
+        torque_error = (1 + max_tip_distance + math.sqrt(3) * task.flight.com_error / l_arm) * e
     weight = np.array([case.weight for case in cases])
     wall_normal, wall_module, wall_distance, wall_offset = _walls(task)
     air = module.envelope
@@ -181,14 +196,15 @@ def to_arrays(
         g=g,
         weight=weight / weight.max(),
         dead_rotor=np.array([-1 if rotor is None else rotor for rotor in bounded.dead_rotors], np.int64),
+        rod=rod,
         u_min=task.min_input / task.max_input,
         wall_normal=wall_normal,
         wall_module=wall_module,
         wall_distance=wall_distance,
         wall_offset=wall_offset,
         force_error=e,
-        torque_error=about_C + e * centroid + position_error,
-        max_tip_distance=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
+        torque_error=torque_error + position_error,
+        max_tip_distance=max_tip_distance,
         l_c=l_c,
         has_airflow=task.search.interference == "airflow",
         length=air.length / l_arm,
@@ -200,6 +216,14 @@ def to_arrays(
         balls=_balls(task, problem),
         hinge_angles=hinge_angles(task),
     )
+
+
+def _wrenches(cases: Sequence[LoadCase], F: float, l_arm: float) -> tuple[Array, Array, Array]:
+    """Return f_E, f_C and the torque of load cases, shape (K, 3) each."""
+    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
+    f_E, f_C = (np.array([w.force for w in wrenches]) / F for wrenches in (tip, com))
+    t_E, t_C = (np.array([w.torque for w in wrenches]) / (F * l_arm) for wrenches in (tip, com))
+    return f_E, f_C, t_E + t_C
 
 
 def _balls(task: ResolvedTask, problem: Problem) -> Array:

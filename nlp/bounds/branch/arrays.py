@@ -18,19 +18,21 @@ Load cases are followed by the corners of wrench sets, reserves and rotor failur
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.bounds.branch.rod import RodChange, rod_change, wrenches
 from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import LoadCase, ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
-from topo_search.model.proof import Problem, proof_task
+from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.shape import NOWHERE
 from topo_search.model.topology import ROOT, Joint
@@ -72,6 +74,8 @@ class LargestLevers(NamedTuple):
     """Moment of the module's body (`BranchProblem.bodies`) about the axis, shape (n, A)."""
     between: Array
     """Distance between the axes of two angles, shape (A, A)."""
+    centroid: float
+    """Distance of the COM of modules and joints from the origin."""
 
 
 class Loads(NamedTuple):
@@ -138,6 +142,7 @@ class BranchProblem(NamedTuple):
     tree: TreePaths
     levers: LargestLevers
     loads: Loads
+    rod: RodChange
     walls: Walls
     slack: Slack
     separation: Separation
@@ -161,6 +166,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         topology: tree.
         problem: designs that the proof covers (`topo_search.model.proof`).
     """
+    heaviest, task = cases_with_heaviest_rod(task, problem), task.lightest
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
@@ -170,6 +176,8 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     cornered = proof_task(task, problem)
     loads, walls, U = _loads(cornered, mass, unit), _walls(task, unit), task.max_thrust_to_weight
     air, interference = module.envelope, task.search.interference
+    cases = [heaviest[label] for label in cornered.case_labels]
+    rod = rod_change(cornered, cases, mass, l_c * (2 * int(tree.depth.max()) + 1), levers.centroid)
     margin, body_distance = 0.0, task.body_clearance
     if problem == "solver":
         margin, body_distance = task.search.least_margin, task.centre_distance
@@ -180,8 +188,9 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         tree,
         levers,
         loads,
+        rod,
         walls,
-        _slack(cornered, tree, levers, loads, walls, mass, U),
+        _slack(cornered, cases, levers, loads, rod, walls, mass),
         Separation(
             has_airflow=interference == "airflow",
             length=length,
@@ -287,16 +296,14 @@ def _levers(tree: TreePaths, l_c: float, drag: float, bodies: Array) -> LargestL
     axis_offset = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
     centre = np.abs(2 * l_c * tree.depth[:, None] - axis_offset)
     body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
-    return LargestLevers(
-        centre + 1 + drag, centre, body, np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2]
-    )
+    between = np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2]
+    centroid = float(body[:, 0].mean())  # the first axis is through the origin
+    return LargestLevers(centre + 1 + drag, centre, body, between, centroid)
 
 
 def _loads(task: ResolvedTask, mass: Masses, unit: Units) -> Loads:
     cases, position = task.load_cases, task.end_effector.fixed_position
-    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
-    f_E, f_C = (np.array([w.force for w in wrenches]) / unit.force for wrenches in (tip, com))
-    t = np.add([w.torque for w in tip], [w.torque for w in com]) / unit.torque
+    f_E, f_C, t = wrenches(cases, unit)
     n, share = task.n, mass.tip / mass.total
     weight = np.array([case.weight for case in cases])
     dead_rotor = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors])
@@ -329,35 +336,48 @@ def _walls(task: ResolvedTask, unit: Units) -> Walls:
 
 
 def _slack(
-    task: ResolvedTask, tree: TreePaths, levers: LargestLevers, loads: Loads, walls: Walls, mass: Masses, U: float
+    task: ResolvedTask,
+    heaviest: Sequence[LoadCase],
+    levers: LargestLevers,
+    loads: Loads,
+    rod: RodChange,
+    walls: Walls,
+    mass: Masses,
 ) -> Slack:
     """Return the losses of a dual value to the audit's tolerance and to rounding.
 
     With e = TOLERANCE m_t g the audit allows an error of e in a force, of l_arm e in a torque about the COM and
     about the end-effector, hence of (1 + 2 m_E / (m_t - m_E)) l_arm e about B (`nlp.bounds.wrenches`), and of the
-    distance of B times e more about the origin of W. Every input may exceed its limits by d = TOLERANCE U; inputs
-    below zero raise a rotor's psi by at most d |a_j . y|. A fixed end-effector may be off by TOLERANCE l_arm. Hover
-    and other centres of reserves may be off by e along every axis, their torques about the COM only, wherever its
-    error puts it: B is m_E / (m_t - m_E) p_E from the COM.
+    distance of B times e more about the origin of W. If a rod has mass, the COM is nowhere farther from the origin
+    than the farthest p'_E, and the error about the origin is that distance times e more than about the COM. Every
+    input may exceed its limits by d = TOLERANCE U; inputs below zero raise a rotor's psi by at most d |a_j . y|. A
+    fixed end-effector may be off by TOLERANCE l_arm. Hover and other centres of reserves may be off by e along each
+    axis, their torques about the COM only, wherever its error puts it: B is m_E / (m_t - m_E) p_E from the COM.
     """
-    n, unit = len(tree.parent), task.module.arm_length
-    e, d = TOLERANCE * mass.total, TOLERANCE * U
-    about_B = (2 * mass.lever - 1) * e
+    n, unit, U = task.n, task.module.arm_length, task.max_thrust_to_weight
+    e, d = TOLERANCE * (mass.total + rod.mass), TOLERANCE * U
+    lever, B = float(levers.rotor.max()), levers.centroid
+    torque_error, com_shift = (2 * mass.lever - 1 + B) * e, (mass.lever - 1) * task.longest_lever(n) / unit + B
+    if rod.mass > 0.0:
+        torque_error, com_shift = (1 + rod.farthest) * e, rod.farthest
     if isinstance(task, CorneredTask):
         e *= math.sqrt(3)
-        com_shift = (mass.lever - 1) * task.longest_lever(n) + math.sqrt(3) * task.declared.flight.com_error
-        about_B = max(about_B, (1 + com_shift / unit) * e)
-    B, lever = float(levers.body[:, 0].mean()), float(levers.rotor.max())  # the first axis is through the origin
-    case_forces = [
-        math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases
-    ]
+        com_shift += math.sqrt(3) * task.declared.flight.com_error / unit
+        torque_error = max(torque_error, (1 + com_shift) * e)
     position_error = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * mass.lever
-    f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
+    f_E, f_C = (
+        np.maximum(*(np.linalg.norm(part, axis=1) for part in parts))
+        for parts in zip(
+            *(wrenches(cases, Units.of(task))[:2] for cases in (task.load_cases, heaviest)), strict=True
+        )
+    )
+    f, t, h, g = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h, loads.g))
+    f, t = f + np.linalg.norm(rod.force, axis=1), t + np.linalg.norm(rod.torque, axis=1)
+    t += np.linalg.norm(rod.levered, axis=2).sum(axis=0)
     rounding = SUM_ROUNDING * max(1.0, n * len(f) / 10_000)
     force = e + n * d + rounding * (f + n * U)
-    levered_forces = f + h + np.linalg.norm(loads.g, axis=1)
-    torque = about_B + e * B + n * d * lever + position_error * np.array(case_forces) / Units.of(task).force
-    torque = torque + rounding * (t + n * lever * (levered_forces + U))
-    tip = B + mass.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
+    torque = torque_error + n * d * lever + position_error * (f_E + f_C)
+    torque += rounding * (t + n * lever * (f + h + g + U))
+    tip = rod.farthest or B + mass.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
     wall = rounding * (float(levers.centre.max()) + walls.length + float(np.abs(walls.offset).max(initial=0.0)))
     return Slack(force, torque, wall, tip)

@@ -65,6 +65,7 @@ import numpy as np
 from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import BoxFrames, moment
 from nlp.bounds.branch.multipliers import best_input, lever_sum, residual
+from nlp.bounds.branch.rod import RodChange
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
@@ -409,7 +410,20 @@ def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
         nu, mu = math.sqrt(nu2), math.sqrt(mu2)
         g = math.sqrt(loads.g[k, 0] ** 2 + loads.g[k, 1] ** 2 + loads.g[k, 2] ** 2)
         total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * CONDITION_ROUNDING * g * mu
-    return total - slack.tip * math.sqrt(a * a + b * b + c * c)
+    return total - slack.tip * math.sqrt(a * a + b * b + c * c) - _rod_loss(problem.rod, y)
+
+
+@njit(cache=True, inner=True, allocates=False)
+def _rod_loss(rod: RodChange, y: Array) -> float:
+    """Return the largest loss of D to the mass of a rod."""
+    loss = 0.0
+    for r in range(len(rod.levered)):
+        a, b, c = lever_sum(rod.levered[r], y)
+        loss += math.sqrt(a * a + b * b + c * c)
+    for k in range(len(y)):
+        for l in range(3):
+            loss -= rod.force[k, l] * y[k, l] + rod.torque[k, l] * y[k, 3 + l]
+    return max(loss, 0.0)
 
 
 @njit(cache=True, inner=True, allocates=False)
