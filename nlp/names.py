@@ -13,6 +13,7 @@ OFFSET = "end-effector's distance from the COM"
 POSITION = "end-effector position"
 REACH = "end-effector's reach"
 ROD = "reach of the end-effector's rod"
+ROD_AXIS = "cone about the axis of the end-effector's rod"
 
 
 def force(case: str) -> str:

@@ -21,7 +21,8 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
     & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
     & \tilde\phi_{j,\mathrm{parts}(i)}(\beta) \ge 0  \quad \forall i \ne j \text{ not bolted together}   & (6) \\
     & \|p_i - p'_E\| \ge d_E                                                 \quad \forall i         & (7) \\
-    & \|c - p'_E\| \le L, \text{ rod clear of solid regions} \quad \exists c \text{ free connector}     & (7) \\
+    & \|c - p'_E\| \le L, \ \angle(p'_E - c, a) \le \theta, \text{ rod clear of solid regions}
+      \quad \exists c \text{ free connector}                                                         & (7) \\
     & \tilde\phi_{i,\mathrm{tip}}(\beta) \ge 0                                 \quad \forall i         & (8) \\
     & \tilde\phi_{i,\mathrm{sph}}(\beta),\ \tilde\phi_{i,\mathrm{cap}}(\beta) \ge 0,
       \text{ hulls and the cone}                                                   \quad \forall i         & (9) \\
@@ -36,7 +37,8 @@ out, too. With body clearance the range of alpha_i is +-pi/2 without angles at w
 or any parts are in its airflow (`topo_search.model.room`); if several ranges remain, a hinge stays in the one where
 it starts. Without body clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all
 pairs, with the separation as d, and (4), (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
-if larger. L is the largest reach of the rod, which the paper does not limit. Except for its tip, the rod keeps out
+if larger. L is the largest reach of the rod, and theta its largest angle with the task's axis a; the paper limits
+neither. Except for its tip, the rod keeps out
 of all solid regions (`nlp.requirements.rod`). rho is the share of u_max that the task allows; it is 1 in the paper.
 u_min is the minimum input of the task; it is 0 in the paper. Both bounds of a dead rotor's input are 0. Every
 clearance of (4) to (9) includes the margin.

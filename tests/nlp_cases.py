@@ -158,6 +158,10 @@ FEATURES: dict[str, Table] = {
     "rod beside a solid pillar": with_rod(PILLAR),
     "rod within solid planes": with_rod(BELOW),
     "thick rod in a solid ball": with_rod({**LOCAL, "radius": 0.019}, rod_radius=0.02),
+    "rod along an axis": {
+        "end_effector": {"rod": "straight", "axis": [0.3, -0.2, 1.0], "within_deg": 35.0, "largest_reach": 0.6}
+    },
+    "rod along a force": {"end_effector": {"rod": "straight", "axis": "force"}},
 }
 """What a task can ask for: fields laid over the push task."""
 
@@ -167,7 +171,7 @@ DISTINCT = (
     *("stand-off in place of exclusion", "peak input", "end-effector at the COM", "least input"),
     *("joint mass, fixed end-effector", "any port", "solid cone", "solid path along the end-effector"),
     *("several solid pieces", "rod beside solid bent paths", "rod in a solid cone within reach"),
-    *("thick rod in a solid ball",),
+    *("thick rod in a solid ball", "rod along an axis"),
 )
 """Features of which each has rows, or an option, that no other one of these has: what the fast suite looks at."""
 

@@ -129,6 +129,7 @@ def test_a_file_gets_a_message_per_fault(tmp_path: Path, text: str, expected: li
     assert told(found, expected), found
 
 
+PUSHING = {"end_effector": {"force": [0.2, 0.0, 1.0]}}
 CARRIED = {"units": "SI", "com": {"force": [0.0, 0.0, 8.0]}}
 FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
 
@@ -150,6 +151,46 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
             "flight.force_reserve: must be left out if goals.force_reserve has levels of it, but got 0.2",
         ),
         ({"goals": {"speed": [1.0]}}, "goals.speed: needs an exposure"),
+        *(
+            ({"load_cases": [{"name": "push", **PUSHING}, {"name": "hover", **HOVER}], "end_effector": rod}, fault)
+            for rod, fault in (
+                ({"within_deg": 10.0}, "end_effector.within_deg: must be left out without `axis`, but got 10"),
+                (
+                    {"axis": [0, 0, 1], "within_deg": 0.0},
+                    "end_effector.within_deg: must be greater than 0, but got 0",
+                ),
+                (
+                    {"axis": [0, 0, 1], "within_deg": 91.0},
+                    "end_effector.within_deg: must be at most 90, but got 91",
+                ),
+                ({"axis": [0, 0, 0]}, "end_effector.axis: must have a direction, but got [0, 0, 0]"),
+                ({"axis": "up"}, 'end_effector.axis: must be "force" or [x, y, z], but got "up"'),
+                (
+                    {"axis": [0, 0, 1], "rod": "none"},
+                    'end_effector.axis: must be left out with rod = "none", but got [0.0, 0.0, 1.0]',
+                ),
+                (
+                    {"axis_case": "push"},
+                    'end_effector.axis_case: must be left out unless axis = "force", but got "push"',
+                ),
+                (
+                    {"axis": [0, 0, 1], "axis_case": "push"},
+                    'end_effector.axis_case: must be left out unless axis = "force", but got "push"',
+                ),
+                *(
+                    (
+                        {"axis": "force", "axis_case": name},
+                        "end_effector.axis_case: must mean a load case with a force at the end-effector, "
+                        f'but got "{name}"',
+                    )
+                    for name in ("pull", "hover")
+                ),
+            )
+        ),
+        (
+            {"end_effector": {"axis": "force"}},
+            'end_effector.axis: must mean a load case with a force at the end-effector, but got "force"',
+        ),
         *(
             ({"flight": flight}, f"flight.{fault}")
             for flight, fault in (

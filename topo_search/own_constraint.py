@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from pydantic import ValidationError
 
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import Mount, ResolvedTask, Topology
 from topo_search.model.design import Stated
 from topo_search.model.folds import FOLD
 from topo_search.model.value import faults_of
@@ -45,6 +45,10 @@ class SymbolicPlatform:
     """p_E: end-effector from the centre of mass, (3, 1) [m]."""
     hinge_angles: Expression
     """alpha_i: hinge angles of modules 1 to n - 1, (n - 1, 1) [rad]."""
+    mount: Mount | None
+    """Connector of the rod, if the solver or the audit has chosen it."""
+    rod: Expression
+    """Rod from its connector to p_E, (3, 1) [m]; without a mount, from the nearest free connector."""
     inputs: tuple[Expression, ...]
     """u_k: squared rotor speeds of every load case, module-major, (4 n, 1) each [rad^2/s^2]."""
 

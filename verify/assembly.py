@@ -20,6 +20,7 @@ from topo_search.model import (
     Status,
 )
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
 from verify.bodies import Array, ConeSpheres, rowwise_clearances
@@ -57,14 +58,16 @@ def assembly(scene: Scene) -> Assembly:
 
 
 def best_available(connectors: tuple[FreeConnector, ...], scene: Scene) -> Mount | None:
-    """Return the connector with the shortest rod that is clear of parts, airflow and solid regions.
+    """Return the connector with the shortest rod along its axis that is clear of parts, airflow and solid regions.
 
-    Failing that, the shortest rod that is clear of parts and airflow, then of parts only. `connectors` are sorted
-    by rod length.
+    Failing that, the shortest such rod at any angle, then one that is clear of parts and airflow, then of parts
+    only. `connectors` are sorted by rod length.
     """
     unblocked = [connector for connector in connectors if not connector.blocked_by]
     clear = [connector for connector in unblocked if not connector.in_airflow_of] or unblocked
     mounts = [Mount(module=connector.module, port=connector.port) for connector in clear]
+    # rods within the tolerance are alike; rounded, so that a design and its mirror image choose the same connector
+    mounts.sort(key=lambda m: round(max(TOLERANCE, _axis_angles(scene, _rod(scene, m))[0]), FIT.digits))
     outside = (mount for mount in mounts if rod_keeps_out(scene, mount))
     return next(outside, next(iter(mounts), None))
 
@@ -80,7 +83,7 @@ def choose_mount(design: Design) -> Mount | None:
 
 
 def rod_residuals(found: Findings) -> Iterator[Residual]:
-    """Yield the residuals of the rod that the task requires: its existence, its length and its mass."""
+    """Yield the residuals of the rod that the task requires: its existence, length, direction and mass."""
     scene, sheet, design = found.scene, found.sheet, found.scene.design
     if design.task.end_effector.rod == "straight":
         missing = 0.0 if sheet.mount is not None and scene.in_range else 1.0
@@ -91,6 +94,10 @@ def rod_residuals(found: Findings) -> Iterator[Residual]:
     reach = design.task.largest_reach(design.topology.n)
     if reach is not None:
         yield _reach_residual(scene, sheet, reach)
+    if design.task.rod_axis is not None and sheet.end_effector is not None and sheet.end_effector.rod is not None:
+        excess, angle = map(math.degrees, _axis_angles(scene, sheet.end_effector.rod))
+        limit = design.task.end_effector.largest_angle_deg
+        yield residual("rod-axis", excess, "deg", math.degrees(1.0), claim=limit, derived=angle)
     if design.task.end_effector.rod_mass == "included" and sheet.end_effector is not None:
         yield _mass_residual(design, sheet.end_effector.rod)
 
@@ -126,6 +133,16 @@ def _rod(scene: Scene, mount: Mount) -> Rod:
         direction=_vector(R @ in_module),
         direction_in_module=_vector(in_module),
     )
+
+
+def _axis_angles(scene: Scene, rod: Rod) -> tuple[float, float]:
+    """Return the excess of the angle between a rod and its axis over the largest one, and the angle [rad]."""
+    task = scene.design.task
+    if task.rod_axis is None:
+        return 0.0, 0.0
+    v, axis = np.array(rod.direction), np.array(task.rod_axis)
+    angle = math.atan2(float(np.linalg.norm(np.cross(v, axis))), float(v @ axis))
+    return max(0.0, angle - math.radians(task.end_effector.largest_angle_deg)), angle
 
 
 def _mount_note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:

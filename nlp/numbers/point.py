@@ -119,7 +119,7 @@ WEIGHING = RodWeighing()
 def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
     """Return the point with the same angles and inputs, whose task has the mass of the rod at its actual length.
 
-    A fixed end-effector keeps its position from the COM.
+    A fixed end-effector keeps its position from the COM. A rod whose mass the task ignores has none.
 
     Args:
         point: a point of a task with some corners, or none.
@@ -131,7 +131,8 @@ def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
     for _ in range(WEIGHING.passes):
         if connector is not None:
             length = float(np.linalg.norm(rod_path(point, connector)))
-            mass = point.task.end_effector.rod_linear_density * length
+            carried = point.task.end_effector
+            mass = 0.0 if carried.rod_mass == "ignored" else carried.rod_linear_density * length
             weighed = CountedRod(module=connector[0], port=connector[1], mass=mass)
             point = replace(point, task=with_rod(point.task, weighed))
         if point.task.end_effector.fixed_position is None:

@@ -1,4 +1,4 @@
-"""The rod that carries the end-effector: from a connector within reach, and clear of solid regions.
+"""The rod that carries the end-effector: within reach, along the task's axis, and clear of solid regions.
 
 One free connector whose rod meets every limit is enough. As in the audit it is the nearest such connector, or if no
 rod meets all limits, the one with the smallest violation. A rod with mass starts at its given connector. Airflow
@@ -10,6 +10,10 @@ and parts in the way of rods are left to the audit, which measures the rod from 
 | c | q + l_c e: the connector from the end-effector | l_arm |
 | L | largest reach | l_arm |
 | r | radius of the rod | l_arm |
+| a, theta | axis of the rod, a unit vector; largest angle between -c and a | -, rad |
+
+The rod is within theta of a if its connector is inside the cone with apex p'_E, axis -a and half-angle theta. The
+margin of that distance is at most sin(theta) / 2, so that it takes half of theta from a rod as long as an arm.
 
 Regions are fixed relative to p'_E, so the part of the rod that keeps out of one is the same for all platforms. If
 p'_E is within r of the region's surface, the rod's last `TIP` radii may touch the region. If p'_E is deeper inside,
@@ -27,9 +31,10 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.point import Connector, Point, connectors
+from nlp.numbers.geometry import Ball
+from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.requirements.bodies import RodShape, divide
-from nlp.requirements.exposure import HullRegion, RegionClearance, hull_of, to_formula
+from nlp.requirements.exposure import HullRegion, InfiniteCone, RegionClearance, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -79,6 +84,29 @@ class WithinReach:
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
         return (SearchRow(RodBody(), ReachObstacle(self.largest)),)
+
+
+@dataclass(frozen=True)
+class AlongAxis:
+    """A connector is inside the cone that holds all rods within an angle of the task's axis."""
+
+    l_c: float
+    """[l_arm]"""
+    cone: InfiniteCone
+    local_vectors = (FROM_TIP, X_I)
+    segment = None
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the distance of the connector inside the cone."""
+        return self.cone.smooth([Ball(y[0] + self.l_c * y[1], 0.0)], (), beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the same: ||c|| sin(theta - angle)."""
+        return self.cone.exact(Ball(y[0] + self.l_c * y[1], 0.0), ())
+
+    def search_rows(self) -> tuple[SearchRow, ...]:
+        """Return one row, for the rod's start."""
+        return (SearchRow(RodBody(), self.cone.obstacles()[0]),)
 
 
 class RodClearance(RegionClearance):
@@ -189,10 +217,13 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...
     """Return the limits of the rod, if it has any."""
     unit, n = Units.of(task).length, topology.n
     l_c, margin = task.module.connector_distance / unit, task.search.margin / unit
-    largest, limit_names, limits = task.largest_reach(n), list[str](), list[Formula]()
-    if largest is not None:
-        limit_names.append(names.ROD)
-        limits.append(WithinReach(l_c, largest / unit))
+    limits = dict[str, Formula]()
+    if (largest := task.largest_reach(n)) is not None:
+        limits[names.ROD] = WithinReach(l_c, largest / unit)
+    if (axis := task.rod_axis) is not None:
+        theta = math.radians(task.end_effector.largest_angle_deg)
+        limits[names.ROD_AXIS] = AlongAxis(l_c, InfiniteCone(theta, divide(axis, -1.0)))
+        margin = min(margin, math.sin(theta) / 2)
     if task.end_effector.rod == "straight":
         r = task.end_effector.rod_radius / unit
         for number, exposure in enumerate(task.exposure):
@@ -202,32 +233,28 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...
                     continue
                 rod = RodShape(l_c, r, TIP * r if distance <= r + TOUCHING else 0.0)
                 segment = segment_of(exposure, part)
-                region = solid_name(number, segment, exposure.contact)
-                limit_names.append(f"the end-effector's rod and {region}")
-                limits.append(RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment))
+                name = f"the end-effector's rod and {solid_name(number, segment, exposure.contact)}"
+                limits[name] = RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment)
                 margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
     if not limits:
         return ()
-    formulas = [LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))]
+    free, all_limits, limit_names = connectors(task, topology), tuple(limits.values()), tuple(limits)
+    formulas = tuple(LimitOfBestRod(l_c, free, all_limits, k) for k in range(len(limits)))
     subjects = np.arange(max(n, 2))[None]  # at least i and j
-    return (BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, tuple(formulas), margin, near=NEAR_LIMIT),)
+    return (BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT),)
 
 
 def rod_of(point: Point) -> Connector | None:
     """Return the connector of the nearest rod that meets its limits, or of the rod with mass; None if none does."""
-    (R, p), module = point.poses, point.task.module
-    free = np.array(connectors(point.task, point.topology))
-    starts = p[free[:, 0]] + module.connector_distance * np.einsum(
-        "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
-    )
-    lengths = np.linalg.norm(starts - point.tip, axis=1)
+    free, l_arm = connectors(point.task, point.topology), point.task.module.arm_length
     # rounded as in the audit, so that a design and its mirror image choose the same connector
-    nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
+    lengths = [round(float(np.linalg.norm(rod_path(point, connector))) / l_arm, 9) for connector in free]
+    nearest = int(np.argmin(lengths))
     for limits in rod_clearances(point.task, point.topology):
         _, nearest, gaps = limits.best(point.vectors)
         if gaps[nearest].min() < 0:
             return None
-    return int(free[nearest, 0]), int(free[nearest, 1])
+    return free[nearest]
 
 
 def _distance(shape: Shape, unit: float) -> float:

@@ -46,7 +46,7 @@ class StartSettings(NamedTuple):
     min_normal: float = 1e-9
     """Length of the sum of several planes' normals below which no direction leads out of all."""
     cone_spread: float = 0.3
-    """Scatter of the end-effector's direction about the axis of an allowed cone."""
+    """Scatter of the end-effector's direction about the rod's axis or that of an allowed cone."""
     turns: int = 24
     """Number of yaw angles about the mean force from which a start with such a cone takes the cheapest."""
     tie: float = 1e-6
@@ -71,7 +71,7 @@ def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
     It ignores limits of the rod, a rod of type "none" and the margin of centres: limits that are not active do not
     change the result.
     """
-    ignored = {"largest_reach", "rod_modulus", "rod_deflection"}
+    ignored = {"largest_reach", "rod_modulus", "rod_deflection", "within_deg"}
     if task.end_effector.rod == "none":
         ignored.add("rod")
     content = task.declared.model_dump_json(exclude={"end_effector": ignored, "search": {"centre_margin"}})
@@ -133,7 +133,7 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
     if task.end_effector.fixed_position is not None:
         return fixed_end_effector(task, start.topology, start.root, start.alpha)
     upstream = upstream_of(task)
-    if cones(task):
+    if is_aimed(task):
         direction = upstream + DRAWING.cone_spread * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
@@ -157,6 +157,11 @@ def cones(task: ResolvedTask) -> list[Cone]:
     return [shape for exposure in regions for shape in exposure.shapes if isinstance(shape, Cone)]
 
 
+def is_aimed(task: ResolvedTask) -> bool:
+    """True if the end-effector starts in the upstream direction, with some scatter."""
+    return task.rod_axis is not None or bool(cones(task))
+
+
 def _narrowest_cone(task: ResolvedTask) -> Cone | None:
     """Return the narrowest cone that must contain all airflow, if its apex is free."""
     if task.end_effector.fixed_position is not None:
@@ -165,7 +170,9 @@ def _narrowest_cone(task: ResolvedTask) -> Cone | None:
 
 
 def upstream_of(task: ResolvedTask) -> Array:
-    """Return the upstream direction: out of the last region with a fixed direction, else along the mean force."""
+    """Return the rod's axis, or the upstream direction: out of the last region with one, else of the mean force."""
+    if task.rod_axis is not None:
+        return np.array(task.rod_axis)
     for exposure in reversed(task.exposure):
         axes = [shape.axis for shape in exposure.shapes if isinstance(shape, Cone) and shape.axis is not None]
         if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > DRAWING.min_normal:

@@ -17,7 +17,7 @@ from nlp.numbers import kinematics
 from nlp.numbers.geometry import largest_turn, signs
 from nlp.numbers.kinematics import Tree, chain
 from nlp.reduced.arrays import ReducedProblem
-from nlp.starts.random_starts import DRAWING, cones, entropy, mean_force, upstream_of
+from nlp.starts.random_starts import DRAWING, entropy, is_aimed, mean_force, upstream_of
 from topo_search.compiled_code import njit, refresh
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -52,7 +52,7 @@ def start_data(task: ResolvedTask, topology: Topology) -> StartData:
         signs(topology) * min(DRAWING.largest_splay, largest_turn(task)),
         force / np.linalg.norm(force),
         upstream_of(task),
-        CONE if cones(task) else UPSTREAM if task.exposure else ANYWHERE,
+        CONE if is_aimed(task) else UPSTREAM if task.exposure else ANYWHERE,
         task.end_effector.stand_off / task.module.arm_length,
         task.search.root == "paper",
     )

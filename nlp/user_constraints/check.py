@@ -52,6 +52,7 @@ def check_user_constraints(
     platform = platform_of(
         design.task,
         design.topology,
+        design.mount,
         orientations=orientations,
         centres=centres,
         end_effector=end_effector,
@@ -219,6 +220,7 @@ class _Numbering:
         return platform_of(
             self.task,
             self.topology,
+            None,
             orientations=self.R,
             centres=self.o,
             end_effector=self.p_E,

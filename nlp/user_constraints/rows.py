@@ -23,8 +23,8 @@ from nlp.numbers.point import Point
 from nlp.problem import Variables
 from nlp.rows import UserConstraints, Violation
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Mount, ResolvedTask, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 
 
@@ -59,9 +59,11 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
 def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variables) -> SymbolicPlatform:
     """Return the platform as a function of the unknowns."""
     unit, (modules, tip, p_COM) = Units.of(task), variables.platform(task, topology)
-    return SymbolicPlatform(
-        task=task.declared,
-        topology=topology,
+    counted = task.end_effector.counted_rod
+    return _platform(
+        task.declared,
+        topology,
+        counted and Mount(module=counted.module, port=counted.port),
         centres=tuple((pose.p - p_COM) * unit.length for pose in modules),
         orientations=tuple(pose.R for pose in modules),
         end_effector=(tip - p_COM) * unit.length,
@@ -73,6 +75,7 @@ def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variabl
 def platform_of(
     task: ResolvedTask,
     topology: Topology,
+    mount: Mount | None,
     *,
     orientations: Array,
     centres: Array,
@@ -81,15 +84,31 @@ def platform_of(
     inputs: Sequence[Any],
 ) -> SymbolicPlatform:
     """Return a numerical platform as user constraints take it; shapes as in `check_user_constraints`."""
-    return SymbolicPlatform(
-        task=task,
-        topology=topology,
+    return _platform(
+        task,
+        topology,
+        mount,
         centres=tuple(ca.SX(ca.DM(o)) for o in centres),
         orientations=tuple(ca.SX(ca.DM(R)) for R in orientations),
         end_effector=ca.SX(ca.DM(end_effector)),
         hinge_angles=ca.SX(ca.DM(list(hinge_angles)).reshape((topology.n - 1, 1))),
         inputs=tuple(ca.SX(ca.DM(list(u_k))) for u_k in inputs),
     )
+
+
+def _platform(task: ResolvedTask, topology: Topology, mount: Mount | None, **parts: Any) -> SymbolicPlatform:
+    """Return a platform with its rod from the mount, or without one from the nearest free connector."""
+    connectors = topology.free_connectors if mount is None else [(mount.module, mount.port)]
+    rods = [
+        parts["end_effector"]
+        - parts["centres"][i]
+        - task.module.connector_distance * (parts["orientations"][i] @ ca.DM(PORT_DIRECTIONS[port]))
+        for i, port in connectors
+    ]
+    nearest = rods[0]
+    for rod in rods[1:]:
+        nearest = ca.if_else(ca.sumsqr(rod) < ca.sumsqr(nearest), rod, nearest)
+    return SymbolicPlatform(task=task, topology=topology, mount=mount, rod=nearest, **parts)
 
 
 TOLERANCE = 1e-6

@@ -85,12 +85,12 @@ class SolverAndAudit:
 
     def _mount_rod(self, task: ResolvedTask, design: Design) -> Design:
         """Return a design with its rod at the best mount, and the task with that rod."""
-        mount = verify.choose_mount(design)
-        if task.end_effector.rod_mass == "ignored":
-            return design.model_copy(update={"mount": mount})
-        if mount not in (None, design.mount):
+        mount, ignored = verify.choose_mount(design), task.end_effector.rod_mass == "ignored"
+        if mount not in (None, design.mount) and not (ignored and task.rod_axis is None):
             # the solver assumes a rod within its limits; if parts or airflow block that, another one is mounted
             design = nlp.move_rod(design, mount, self.constraints)
+        if ignored:
+            return design.model_copy(update={"mount": mount, "task": task})
         # the given task to the last digit, with that rod, whatever rods the solver tried
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 

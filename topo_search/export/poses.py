@@ -19,7 +19,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from topo_search.limits import vector
 from topo_search.model import BadInput, Design, Fault, ResolvedTask
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.shape import Shape
@@ -86,6 +88,14 @@ def rod_of(design: Design, poses: Platform) -> RodPose | None:
     start = poses.p[i] + l_c * poses.R[i] @ PORT_DIRECTIONS[design.mount.port]
     rod = RodPose(start, poses.end_effector, design.task.end_effector.rod_radius)
     return rod if rod.length > 0 else None
+
+
+def axis_words(task: ResolvedTask, direction: ArrayLike) -> str:
+    """Return the angle between a rod, a unit vector in W, and the task's axis in words; empty without an axis."""
+    if (axis := task.rod_axis) is None:
+        return ""
+    angle = math.degrees(math.acos(np.clip(np.dot(direction, axis), -1.0, 1.0)))
+    return f"{angle:.1f} deg from {vector(axis)} in the task's axes"
 
 
 ELEVATION_DEG = 20.0

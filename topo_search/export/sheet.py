@@ -15,7 +15,7 @@ from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
 from topo_search.export.html_page import html_page
-from topo_search.export.poses import ROTOR_ANGLES, rod_of
+from topo_search.export.poses import ROTOR_ANGLES, axis_words, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
@@ -121,6 +121,7 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
     i, a = design.mount.module, design.mount.port
     (mount,) = (part for part in solids if part.name == "rod mount")
     x, y, z = (poses.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+    tilt = axis_words(design.task, (rod.end - rod.start) / rod.length)
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
@@ -129,6 +130,7 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
         "Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left (looking outwards), and {1000 * rod.length * z:.1f} mm up."
+        + (f" The rod is then {tilt}." if tilt else "")
     )
 
 

@@ -28,6 +28,7 @@ from topo_search.model.mesh import circle, cone_sphere_outline
 
 VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above"))
 """Axes of W that point right and up in each view, and the view's name."""
+ROD_STYLE: dict[str, Any] = {"color": palette.END_EFFECTOR, "linewidth": 2.5, "alpha": 0.6}
 UP = np.array([0.0, 0.0, 1.0])
 """Assumed direction from the centre of mass to the end-effector if it depends on the design."""
 
@@ -55,6 +56,9 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
     right, up = view
     for _, shape in shapes(task, _end_effector(task)):
         axes.add_patch(Polygon(shape.outline(view, 4 * size), **_region_style(shape.contains_airflow)))
+    if task.rod_axis is not None:
+        rod = np.outer([0.0, -0.7 * size], task.rod_axis)
+        axes.plot(*rod[:, view].T, **ROD_STYLE)
     # the module to scale has the same position in all views
     module, envelope = size * np.array([-0.75, -0.75, 0.0]), task.module.envelope
     far = module - envelope.length * UP
@@ -118,6 +122,9 @@ def _legend(task: ResolvedTask) -> list[Artist]:
         Line2D([], [], color=palette.END_EFFECTOR, label="end-effector", **dot),
         Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
+    if task.rod_axis is not None:
+        angle = task.end_effector.largest_angle_deg
+        entries.append(Line2D([], [], label=f"rod, within {angle:g} deg", **ROD_STYLE))
     regions = [shape for exposure in task.exposure for shape in exposure.shapes]
     kinds = {shape.words: shape.contains_airflow for shape in regions}
     entries += [Patch(**_region_style(inside), label=words) for words, inside in sorted(kinds.items())]

@@ -25,6 +25,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from topo_search.model.exposure import Direction
 from topo_search.model.value import (
     Broken,
     Flag,
@@ -36,12 +37,14 @@ from topo_search.model.value import (
     Value,
     Vector,
     omit_if,
+    show,
 )
 
 TIP = 2.0
 """Length of a rod's tip [rod radii]."""
 
 Position = Annotated[Literal["free"] | Literal["com"] | Vector, OneOf('must be "free", "com" or [x, y, z]')]
+RodAxis = Annotated[Literal["force"] | Direction, OneOf('must be "force" or [x, y, z]')]
 Reach = Annotated[Positive | Literal[False], OneOf("must be a length in metres or false")]
 
 
@@ -95,6 +98,13 @@ class EndEffector(Value):
     rod_deflection: Annotated[Positive, omit_if(0.005)] = 0.005
     """Deflection of the rod's tip under the task's largest load and the rod's weight [m], which limits the
     default of largest_reach."""
+    axis: Omitted[RodAxis] = None
+    """Direction of the rod from its connector to p_E, in the task's axes; `force`: of the force at the end-effector
+    in a load case; default: any."""
+    axis_case: Omitted[str] = None
+    """Name of the load case for `force`; default: the first with a force at the end-effector."""
+    within_deg: Omitted[Annotated[float, Field(strict=True, gt=0, le=90)]] = None
+    """Largest angle between the rod and its axis [deg]; default: 20."""
 
     def _broken_rules(self) -> Broken:
         if self.rod_mass == "included" and (self.rod == "none" or self.largest_reach is False):
@@ -102,6 +112,12 @@ class EndEffector(Value):
             yield "rod_mass", f'must be "ignored" with {actual}, but got "included"'
         if self.rod_mass == "ignored" and self.counted_rod is not None:
             yield "counted_rod", 'must be left out with rod_mass = "ignored"'
+        if self.axis is not None and self.rod == "none":
+            yield "axis", f'must be left out with rod = "none", but got {show(self.axis)}'
+        if self.axis is None and self.within_deg is not None:
+            yield "within_deg", f"must be left out without `axis`, but got {self.within_deg:g}"
+        if self.axis != "force" and self.axis_case is not None:
+            yield "axis_case", f'must be left out unless axis = "force", but got {show(self.axis_case)}'
 
     def stiff_length(self, force: float, torque: float, gravity: float) -> float:
         """Return the length at which the rod bends by `rod_deflection` [m]; infinite for a rod without stiffness.
@@ -127,6 +143,11 @@ class EndEffector(Value):
             deflection = sum(amount * middle**power for amount, power in loads) / stiffness
             shortest, length = (middle, length) if deflection <= self.rod_deflection else (shortest, middle)
         return length
+
+    @property
+    def largest_angle_deg(self) -> float:
+        """Largest angle between the rod and its axis, if it has one [deg]."""
+        return self.within_deg or 20.0
 
     @property
     def fixed_position(self) -> Vector | None:

@@ -54,6 +54,7 @@ from topo_search.model.room import (
     whole_cover,
 )
 from topo_search.model.search import Search
+from topo_search.model.shape import unit
 from topo_search.model.value import (
     Broken,
     Count,
@@ -189,6 +190,10 @@ class Task(Value):
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.at(level).flight for level in self.goals.levels)
             yield from dict.fromkeys(x for flight in flights for x in flight.broken_reserves(corners, n, *units))
+        if end_effector.axis == "force" and self.rod_axis is None:
+            name = "axis" if end_effector.axis_case is None else "axis_case"
+            rule = "must mean a load case with a force at the end-effector"
+            yield ("end_effector", name), f"{rule}, but got {show(getattr(end_effector, name))}"
         yield from self._broken_thrust()
         yield from self._broken_hinges()
         yield from (broken for rule in TASK_RULES for broken in rule(self))
@@ -260,6 +265,15 @@ class Task(Value):
         # a fixed position may need a longer rod, for which `check` warns
         limited = rod.rod == "straight" and rod.fixed_position is None
         return min(packed, self.stiff_length(n)) if limited else packed
+
+    @property
+    def rod_axis(self) -> Vector | None:
+        """Unit vector from which the rod may deviate by `largest_angle_deg`; None: any direction."""
+        axis, name = self.end_effector.axis, self.end_effector.axis_case
+        if axis != "force":
+            return axis and unit(axis)
+        forces = (case.at_end_effector.force for case in self.cases if name in (None, case.name))
+        return next((unit(force) for force in forces if any(force)), None)
 
     def longest_lever(self, n: int) -> float:
         """Return the largest distance of p_E from the COM in a clear design [m].

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from topo_search.export.audits import flight_lines
+from topo_search.export.poses import axis_words
 from topo_search.limits import vector
 from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
 from topo_search.model.air import AirSpeeds
@@ -38,12 +39,14 @@ def rod(design: Design, audit: Audit) -> str | None:
     note = "" if sheet.note is None else f" Note: {sheet.note}."
     if sheet.mount is None or sheet.rod is None:
         return note.strip() or None
+    tilt = axis_words(design.task, sheet.rod.direction)
     holds = "The end-effector sits on" if required else "The task has no rod; the end-effector could sit on"
     return (
         f"{holds} a straight rod of {length(sheet.rod.length_m)}, "
         f"{length(2 * sheet.rod.radius_m)} thick, {figures(1000 * sheet.rod.mass_kg, 3)} g, "
         f"from port {PORT_NAMES[sheet.mount.port]} of module "
-        f"{sheet.mount.module}, along {vector(sheet.rod.direction_in_module)} in the axes of that module.{note}"
+        f"{sheet.mount.module}, along {vector(sheet.rod.direction_in_module)} in the axes of that module"
+        f"{tilt and ', '}{tilt}.{note}"
     )
 
 

@@ -110,6 +110,9 @@ def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "straight rod", "reported, not required" if tip.rod == "none" else required
     if reach is not None:
         yield "reach from the rod's connector", f"at most {length(reach)}"
+    if (axis := task.rod_axis) is not None:
+        along = f"{vector(axis)}, along the force" if tip.axis == "force" else vector(axis)
+        yield "rod, from its connector", f"within {figures(tip.largest_angle_deg)}° of {along}"
 
 
 def goals(task: Task) -> Facts:

@@ -418,7 +418,8 @@ def _load_cases(task: Task, n: int) -> Doubts:
 
 def _tool_side(task: Task) -> Doubts:
     """Yield load cases that leave open from which side the tool comes to exert their force."""
-    if task.load_cases == "ten-wrenches" or task.end_effector.rod == "none":
+    tip = task.end_effector
+    if task.load_cases == "ten-wrenches" or tip.rod == "none" or tip.axis is not None:
         return
     regions = (*task.exposure, *objects(task.load_cases))
     for k, case in enumerate(task.load_cases):
@@ -427,7 +428,7 @@ def _tool_side(task: Task) -> Doubts:
             yield (
                 f"load_cases[{k}].contact",
                 "from which side the tool comes is open, so its rod may pull where you mean it to push: if it "
-                'pushes against an object, set contact = "push"',
+                'pushes against an object, set contact = "push"; or give its direction by end_effector.axis',
             )
 
 

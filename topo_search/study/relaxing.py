@@ -156,6 +156,7 @@ def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
         ("end_effector", "mass", "mass of the end-effector", shrink, "lighter end-effector", "kg"),
         ("end_effector", "largest_reach", "reach of the rod", 1.0, "more reach", "m"),
         ("end_effector", "largest_reach", "reach of the rod, tightened", shrink, "less reach", "m"),
+        ("end_effector", "within_deg", "angle of the rod from its axis", 1.0, "wider angle", "deg"),
         ("end_effector", "stand_off", "stand-off", shrink, "less stand-off of the end-effector", "m"),
         ("flight", "force_reserve", "reserve of force", shrink, "less", force),
         ("flight", "torque_reserve", "reserve of torque", shrink, "less", torque),
@@ -199,6 +200,8 @@ def _value(n: int, part: str | int, name: str, task: Task) -> Any:
     """Return the value of a field of a part (see `Task.with_fields`), or its default; None without either."""
     if name == "largest_reach":
         return task.largest_reach(n)
+    if name == "within_deg":
+        return task.end_effector.largest_angle_deg if task.end_effector.axis is not None else None
     if name in ("joint_force", "joint_moment"):
         return task.joint_limits[name == "joint_moment"]
     return getattr(getattr(task, part) if isinstance(part, str) else task.exposure[part], name, None)

@@ -98,10 +98,10 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 
     It must map load cases and corners of sets onto ones with the same weight (equal load cases count as one, with
-    the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration and
-    a fixed p_E onto themselves, and the weight if hover is required. Balls, paths along p_E and cones towards the
-    COM allow every isometry. Among several isometries the one closest to a plain reflection is returned. There is
-    none if the module is no mirror image of itself.
+    the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration,
+    the rod's axis and a fixed p_E onto themselves, and the weight if hover is required. Balls, paths along p_E and
+    cones towards the COM allow every isometry. Among several isometries the one closest to a plain reflection is
+    returned. There is none if the module is no mirror image of itself.
     """
     if not has_symmetry(task.module, MIRROR):
         return None
@@ -155,6 +155,8 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     for axis, a in zip(np.eye(3), flight.angular_acceleration, strict=True):
         if a:
             features += [_Feature("acceleration", (a,), none, axial[None]) for axial in (axis, -axis)]
+    if task.rod_axis is not None:
+        features.append(_Feature("rod", (), np.array([task.rod_axis]), none))
     if p_E is not None:
         features.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
     return features
