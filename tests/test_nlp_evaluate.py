@@ -92,6 +92,7 @@ def test_checked_clearances_are_the_audits(name):
             names.OFFSET,
             names.REACH,
             names.ROD,
+            names.ROD_AXIS,  # audited in degrees
             *(name for name in checked if "solid" in name),
         }
         assert set(audited) == set(checked) - beside_airflow(point) - unaudited

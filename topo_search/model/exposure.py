@@ -12,7 +12,15 @@ from itertools import pairwise, product
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from topo_search.limits import LIMITS, figures, length, quantity, vector
 from topo_search.model import proven
@@ -80,6 +88,12 @@ class Region(Value):
     tip, unless p_E is inside."""
     contact: Omitted[Index] = None
     """Number of the load case whose object the region is. Set in designs, not in tasks."""
+
+    @model_serializer(mode="wrap")
+    def _write_solid_last(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the fields in the order of older files, on which the random starts of a task depend."""
+        fields = write(self)
+        return {name: fields[name] for name in sorted(fields, key=("solid", "contact").count)}
 
     @property
     def speed_reach(self) -> float | None:
