@@ -67,8 +67,8 @@ def test_the_tasks_of_other_pages_are_read():
     (bridge,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
     assert bridge.exposure[0].solid
     assert bridge.end_effector.stand_off == 0.4
-    sets, reserves = map(tomllib.loads, blocks("toml", "how-to/load-cases.md"))
-    task = Task.model_validate({**sets, **reserves}).resolve(4)
+    sets, axis, reserves = map(tomllib.loads, blocks("toml", "how-to/load-cases.md"))
+    task = Task.model_validate({**sets, **axis, **reserves}).resolve(4)
     assert task.flight.force_reserve == pytest.approx(0.25 * task.force_unit(4))
     stated = {path: reserves[table][field] for path in FLYING for table, field in [path.split(".")]}
     assert stated == {**FLYING, "flight.angular_acceleration": [11, 11, 11]}
