@@ -13,6 +13,7 @@ from nlp import lower_bound
 from nlp.numbers.geometry import poses, root_rotation
 from topo_search import OwnConstraint, SymbolicPlatform, audit, solve
 from topo_search.export.poses import axis_words
+from topo_search.export.task_picture import task_figure
 from topo_search.model import Design, Mount, ResolvedTask, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.task_facts import facts
@@ -169,6 +170,8 @@ def test_the_angle_is_told_doubted_and_relaxed() -> None:
     task = bulb({"axis": "force"})
     told = dict(row for _, rows in facts(task.resolve(3)) for row in rows)
     assert told["rod, from its connector"] == "within 20° of [0, 0, 1], along the force"
+    (legend,) = task_figure(task.resolve(3)).legends
+    assert "rod, within 20 deg" in [text.get_text() for text in legend.texts]
     assert not [each for each in task_warnings(task) if each.path == "end_effector.within_deg"]
     radians = bulb({"axis": UP, "within_deg": 0.35})
     assert "is it in degrees?" in next(

@@ -13,7 +13,7 @@ and parts in the way of rods are left to the audit, which measures the rod from 
 | a, theta | axis of the rod, a unit vector; largest angle between -c and a | -, rad |
 
 The rod is within theta of a if its connector is inside the cone with apex p'_E, axis -a and half-angle theta. The
-margin of that distance is at most sin(theta) / 2, so that it takes half of theta from a rod as long as an arm.
+margin of that distance is at most sin(theta) / 2: from a rod as long as an arm it takes at most half of theta.
 
 Regions are fixed relative to p'_E, so the part of the rod that keeps out of one is the same for all platforms. If
 p'_E is within r of the region's surface, the rod's last `TIP` radii may touch the region. If p'_E is deeper inside,
