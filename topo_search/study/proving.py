@@ -260,14 +260,13 @@ def _tell_reach(
     if design is None:
         return
     massless = task.with_fields("end_effector", rod_mass="ignored")
-    job = Job(massless, design.topology, range(0), folder.request.seed, (design,))
+    job = Job(massless, design.topology, range(best.starts), folder.request.seed, (design,))
     lighter = engine.run_one(solve, job, deadline=job.deadline)
     if isinstance(lighter, Design) and lighter.objective < design.objective:
         gap, mass = 100 * (1 - lighter.objective / design.objective), upper_text(1e3 * task.heaviest_rod, 3)
         observer.note(
-            f"{task.n} modules: no gap under {lower_text(gap, 3)} % can be proven, and about that much is within "
-            f"reach: a proof covers rods of any mass up to {mass} g; without that of its own, {best.key} needs so "
-            "much less effort"
+            f"{task.n} modules: no gap under {lower_text(gap, 3)} % is within reach: a proof covers rods of any "
+            f"mass up to {mass} g, and without that of its own {best.key} needs so much less effort"
         )
 
 
