@@ -30,7 +30,7 @@ from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
-from topo_search.model.joint_mass import bolt_of
+from topo_search.model.joint_mass import bolt_of, joint_mass
 from topo_search.topologies import sample
 from verify.kinematics import platform
 
@@ -213,6 +213,24 @@ def test_struts_reach_from_the_hub_to_every_bracket_and_keep_off_rotors() -> Non
         assert off.min() > module.body.rotor_radius + 0.0019
     wide = design.task.module.model_copy(update={"body": module.body.model_copy(update={"rotor_radius": 0.068})})
     assert struts(design.model_copy(update={"task": design.task.model_copy(update={"module": wide})})) == []
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"mass": 0.035, "arm_length": 0.045, "connector_distance": 0.065, "body": {"rotor_radius": 0.02}},
+        {"mass": 0.9, "arm_length": 0.2, "connector_distance": 0.26, "body": {"rotor_radius": 0.1}},
+        {"body": {"rotor_radius": 0.066}},  # no room for struts
+    ],
+)
+def test_the_mass_of_a_joint_is_that_of_its_parts_in_a_flat_kit_of_two_modules(fields: dict[str, object]) -> None:
+    drawn = random_design(Topology.from_key("a10"), 1, {"module": fields})
+    design = drawn.model_copy(update={"hinge_angles_rad": (0.0,)})
+    totals = {row[0]: float(row[4]) for row in parts_list(design, printed_parts(design))}
+    assert ("strut" in totals) == (fields.get("body") != {"rotor_radius": 0.066})
+    parts = sum(totals.get(name, 0.0) for name in ("bracket", "strut", "bolt with nut"))
+    assert joint_mass(design.task.module) == pytest.approx(parts, rel=0.01)
 
 
 # ---- Assembly sheet and parts list, for someone who has only the kit.

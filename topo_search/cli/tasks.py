@@ -150,7 +150,7 @@ def _size(task: ts.Task, n: int) -> dict[str, Any]:
 
     request, resolved = Request(task, "task", starts=1, seed=0), task.resolve(n)
     proof, share = prove_impossible(resolved), None
-    if proof is not None and prove_impossible(scaled_defaults(task, 0.0).resolve(n)) is None:
+    if proof is not None and task.flight.filled and prove_impossible(scaled_defaults(task, 0.0).resolve(n)) is None:
 
         def is_excluded(twentieths: int) -> bool:
             return prove_impossible(scaled_defaults(task, twentieths / 20).resolve(n)) is not None

@@ -60,8 +60,8 @@ from verify.kinematics import Platform, platform
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest count as zero; rounding makes them positive."""
-LEAST_ACC_HOR = 2.0
-"""Smallest value of PX4's MPC_ACC_HOR and MPC_ACC_HOR_MAX [m/s^2]; the largest is 15."""
+ACC_HOR = (2.0, 15.0)
+"""Smallest and largest value of PX4's MPC_ACC_HOR and MPC_ACC_HOR_MAX [m/s^2]."""
 UNITS = {
     "matrix": "N and N m per rad^2/s^2",
     "pseudo_inverse": "rad^2/s^2 per N and per N m",
@@ -134,6 +134,11 @@ class Allocation(Value):
     """Three unit vectors, right-handed."""
     rotors: tuple[Rotor, ...]
     """In the order of the columns."""
+
+    @property
+    def side_acceleration(self) -> float:
+        """Horizontal acceleration that the rotors can produce in hover, in any direction [m/s^2]."""
+        return self.side_force_N / self.mass_kg
 
     def csv(self) -> str:
         """Return `matrix` as the text of a CSV file, a row per component of the wrench."""
@@ -263,11 +268,11 @@ def px4_warnings(platform_data: Allocation) -> tuple[str, ...]:
             f"PX4 ignores {' and '.join(weak)}, because no rotor contributes more than {WEAK:g}: multiply all "
             "CA_ROTORi_CT by the same factor, which changes nothing else"
         )
-    side = platform_data.side_force_N / platform_data.mass_kg
-    if platform_data.rank == len(AXES) and side < LEAST_ACC_HOR:  # others tilt to accelerate
+    side, (least, _) = platform_data.side_acceleration, ACC_HOR
+    if platform_data.rank == len(AXES) and side < least:  # others tilt to accelerate
         warnings.append(
-            f"PX4 asks for horizontal accelerations of at least {LEAST_ACC_HOR:g} m/s^2 (MPC_ACC_HOR), but in "
-            f"hover the rotors can only produce {side:.2g} m/s^2 in any direction"
+            f"PX4 asks for horizontal accelerations of at least {least:g} m/s^2 (MPC_ACC_HOR), but in hover the "
+            f"rotors can only produce {side:.2g} m/s^2 in any direction"
         )
     return tuple(warnings)
 
@@ -313,9 +318,9 @@ def px4_parameters(platform_data: Allocation) -> str:
     lines.append(f"1\t1\tCA_ROTOR_COUNT\t{len(platform_data.rotors)}\t6")
     if 0.1 <= hover <= 0.8:  # the range of MPC_THR_HOVER
         lines.append(f"1\t1\tMPC_THR_HOVER\t{hover:.9g}\t9")
-    side = platform_data.side_force_N / platform_data.mass_kg
-    if side >= LEAST_ACC_HOR:
-        lines += [f"1\t1\t{name}\t{min(side, 15.0):.9g}\t9" for name in ("MPC_ACC_HOR", "MPC_ACC_HOR_MAX")]
+    side, (least, largest) = platform_data.side_acceleration, ACC_HOR
+    if side >= least:
+        lines += [f"1\t1\t{name}\t{min(side, largest):.9g}\t9" for name in ("MPC_ACC_HOR", "MPC_ACC_HOR_MAX")]
     faults = []
     for j, rotor in enumerate(platform_data.rotors):
         for suffix, value, low, high in _px4_rotor_parameters(rotor):

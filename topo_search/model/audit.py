@@ -104,7 +104,7 @@ class Audit(Value):
     mesh_excess: Annotated[tuple[MeshExcess, ...], OMIT_EMPTY] = ()
     """Regions that are larger than their source mesh, according to the design file."""
     placement: Omitted[Placement] = None
-    """Load cases in which the rod pulls, and solid half-spaces near rotors; None if there are none."""
+    """Load cases in which the rod pulls, and solid half-spaces near rotors; None without either."""
     assembly: Assembly
     """Assembly sheet."""
     allowed_contacts: tuple[AllowedContact, ...]

@@ -122,7 +122,7 @@ class UnboundedRegion(Region):
 
     @property
     def content(self) -> str:
-        """What must stay inside the allowed part of space, in words."""
+        """Things that must stay inside the allowed part of space, in words."""
         return "rigid parts" if self.solid and not self.geometry else "airflow"
 
     def _broken_rules(self) -> Broken:

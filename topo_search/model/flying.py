@@ -51,7 +51,7 @@ MEANING = {
 }
 """Words, shown unit and factor to it of the fields of `FLYING`, except `POINT`."""
 DROPPED = "no design holds the defaults of a flying task, so this one was solved without them"
-"""What is said of a design that misses some."""
+"""Remark on a design that misses some."""
 NEARLY = 0.999
 """Share of a default that counts as all of it: audits have tolerances."""
 OLDER: dict[str, dict[str, Any]] = {
@@ -133,7 +133,7 @@ class Missed(Value):
 
     @property
     def words(self) -> str:
-        """What is held, of what was asked for."""
+        """Amount held, of the amount asked for."""
         name, unit, factor = MEANING[self.field]
         asked, held = (np.min(value) * factor for value in (self.asked, self.held))
         return f"{name} {lower_text(held, 2)} of {asked:g} {unit}"
@@ -169,7 +169,7 @@ def with_older_defaults(data: Any) -> Any:
 
 
 def _table(data: dict[str, Any], name: str) -> dict[str, Any] | None:
-    """Return the stated fields of a table; None if it is none."""
+    """Return the stated fields of a table; None for data of another type."""
     table = data.get(name, {})
     if isinstance(table, Value):
         return {field: getattr(table, field) for field in table.model_fields_set}

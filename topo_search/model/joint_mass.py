@@ -19,7 +19,7 @@ def joint_mass(module: Module) -> float:
     """Return the mass of a joint that is not folded, whose bracket is the largest [kg].
 
     >>> round(joint_mass(Module()), 4)
-    0.0857
+    0.0864
     """
     sizes = module.bracket_sizes
     r, t, w = sizes.half_width, sizes.thickness, sizes.wall

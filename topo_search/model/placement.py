@@ -1,4 +1,4 @@
-"""Placement of a design at its target, as in `placement` of `audit.json`: what no clearance judges."""
+"""Placement of a design at its target, which no clearance judges; `placement` of `audit.json`."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class Relaxation(Setting):
 
     @property
     def settings(self) -> str:
-        """What to change, in words."""
+        """Changes to make, in words."""
         return " and ".join(setting.words for setting in (self, *self.also))
 
 
@@ -95,7 +95,7 @@ class Relaxed(Value):
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What to relax first, and what else helps, in sentences; that nothing does."""
+        """Sentences on the first limit to relax and on others that help, or that none does."""
         solved = f"from {quantity(min(self.starts, STARTS), 'start')}"
         sentences = []
         if self.relaxations:
@@ -119,7 +119,7 @@ class Relaxed(Value):
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The advice, what was tried where nothing helps, and what could not be tried."""
+        """The advice, limits tried in vain where none helps, and limits that could not be tried."""
         in_vain = f"tried in vain: {'; '.join(self.in_vain)}" * bool(self.in_vain and not self.relaxations)
         untried = f"could not be tried, so nothing is known: {'; '.join(self.untried)}" * bool(self.untried)
         return (*self.advice, *filter(None, (in_vain, untried)))

@@ -274,7 +274,7 @@ class Cone(Shape):
     """Unit vector from the apex into the cone; None: towards the COM."""
     apex: Vector = NOWHERE
     content: str = "airflow"
-    """What must stay inside, in words."""
+    """Things that must stay inside, in words."""
     corners = ()
     contains_airflow = True
 

@@ -45,10 +45,12 @@ def fragile_margins(audit: Audit | None, design: Design | None = None) -> tuple[
     if audit is None or audit.verdict != "clear":
         return ()
     hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
-    margins = [] if design is None else [missed.words for missed in find_missed(design, audit)]
+    missed = () if design is None else find_missed(design, audit)
+    margins = [entry.words for entry in missed]
     if (nearest := closest(audit)) is not None and _proven_clearance(nearest) < FRAGILE_M:
         margins.append(f"smallest clearance {clearance(nearest)}")
-    if hinge is not None and hinge < FRAGILE_DEG and not any("hinge" in margin for margin in margins):
+    is_told = any(entry.field == "tolerances.hinge_angle_deg" for entry in missed)
+    if hinge is not None and hinge < FRAGILE_DEG and not is_told:
         margins.append(f"hinge tolerance {rounded_down(hinge, '°')}")
     return tuple(margins)
 

@@ -141,7 +141,7 @@ def fly_all(
         if isinstance(planned, ScenarioResult):
             result = planned
         else:
-            track, lost = fly(design, planned, options, watch(planned))
+            track, lost = fly(design, planned, options, watch(planned), model)
             flown.append((planned, track))
             result = judge(planned, track, lost)
         results.append(result)

@@ -64,10 +64,17 @@ class Options:
 
 
 def fly(
-    design: Design, scenario: Scenario, options: Options, watch: Watch | None = None
+    design: Design,
+    scenario: Scenario,
+    options: Options,
+    watch: Watch | None = None,
+    known: Nominal | None = None,
 ) -> tuple[Track, str | None]:
-    """Fly a scenario and return its track, and the reason if it ended early."""
-    plant = Plant(design, options.errors, scenario.wall, options.lag)
+    """Fly a scenario and return its track, and the reason if it ended early.
+
+    `known` is the controller's model of the design, if it is at hand.
+    """
+    plant = Plant(design, options.errors, scenario.wall, options.lag, known)
     rng = np.random.default_rng([options.errors.seed, 1])
     nominal, allocator = plant.nominal, options.allocator(plant.nominal)
     controller = Controller(nominal, EVERY * STEP)

@@ -20,13 +20,14 @@ from xml.etree.ElementTree import SubElement
 import mujoco
 import numpy as np
 
-from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.allocation import thrust_matrix
 from topo_search.export.hover import Hover
 from topo_search.export.mjcf import Physics, mjcf, numbers
 from topo_search.export.poses import mass_of, rod_of
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
 from topo_search.model.mesh import rotation_to
+from verify.flight.joints import inertia
 from verify.kinematics import platform
 
 STEP = 0.001
@@ -73,7 +74,7 @@ class Nominal:
 
     @cached_property
     def hover(self) -> Hover:
-        """What can be added to hover."""
+        """Forces and torques that can be added to hover."""
         return Hover(self.B, self.largest_thrust, self.least_share, self.weight, self.arm)
 
     @cached_property
@@ -99,9 +100,24 @@ class Wall:
 class Plant:
     """The simulated platform."""
 
-    def __init__(self, design: Design, errors: ModelErrors, wall: Wall | None = None, lag: float = LAG) -> None:
-        """Build the MuJoCo model; `lag` is the time constant of the thrusts [s]."""
-        self.nominal = nominal(design)
+    def __init__(
+        self,
+        design: Design,
+        errors: ModelErrors,
+        wall: Wall | None = None,
+        lag: float = LAG,
+        known: Nominal | None = None,
+    ) -> None:
+        """Build the MuJoCo model.
+
+        Args:
+            design: the design.
+            errors: differences from the controller's model.
+            wall: the wall, if there is one.
+            lag: time constant of the thrusts [s].
+            known: the controller's model of the design, if it is at hand.
+        """
+        self.nominal = nominal(design) if known is None else known
         self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))
         rng = np.random.default_rng(errors.seed)
         self.gain = 1.0 + errors.model * rng.standard_normal(self.model.nu)
@@ -186,27 +202,28 @@ def in_wakes(thrusts: Array, wakes: Array) -> Array:
 
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     """Return the controller's model of a design about its own COM; `rod_mass` adds a rod that the task ignores."""
-    exported: Allocation = allocation(design)
-    built = platform(design)
-    m, J, c = exported.mass_kg, np.array(exported.inertia_kg_m2), np.zeros(3)
-    is_ignored = design.task.end_effector.counted_rod is None
+    task, module, built = design.task, design.task.module, platform(design)
+    m, J, c = task.total_mass(design.topology.n), inertia(design, built), np.zeros(3)
+    J = (J + J.T) / 2
+    is_ignored = task.end_effector.counted_rod is None
     rod = rod_of(design, built) if rod_mass and is_ignored else None
     if rod is not None:
-        mass, inertia, middle = mass_of(rod, design, built)
+        mass, J_rod, middle = mass_of(rod, design, built)
         c = mass / (m + mass) * middle
-        J = J + m * _steiner(c) + inertia + mass * _steiner(middle - c)
+        J = J + m * _steiner(c) + J_rod + mass * _steiner(middle - c)
         m += mass
-    B = np.array(exported.thrust_matrix)
+    B = np.ascontiguousarray(thrust_matrix(module, built))  # products of arrays depend on their layout, bit by bit
     B[3:] -= np.cross(c, B[:3].T).T
+    u_max = module.max_input(task.gravity)
     return Nominal(
         mass=m,
         com=read_only(c),
         J=read_only(J),
         B=read_only(B),
-        largest_thrust=exported.rotors[0].largest_thrust_N,
-        least_share=exported.least_input / exported.largest_input,
-        gravity=design.task.gravity,
-        arm=design.task.module.arm_length,
+        largest_thrust=module.thrust_coefficient * u_max,
+        least_share=task.min_input / u_max,
+        gravity=task.gravity,
+        arm=module.arm_length,
         tip=read_only(built.p_e - c),
     )
 

@@ -72,7 +72,8 @@ def run(
     try:
         with RunFolder.open(path, request) as folder, detect_loss(folder):
             try:
-                plans = [remaining_plan(searched, workers, time_limit) for searched in (folder, folder.answering)]
+                searches = dict.fromkeys((folder, folder.answering))  # one, unless defaults were dropped
+                plans = [remaining_plan(searched, workers, time_limit) for searched in searches]
                 if any(plan.solves for plan in plans) or after_size:
                     prepare()
                 tools = Tools(backends, engine, observer, time.monotonic() + time_limit)
