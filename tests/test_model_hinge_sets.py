@@ -16,7 +16,7 @@ from topo_search.model.files import to_toml
 from topo_search.model.proof import chunk_count
 from topo_search.model.task_file import read_task
 from topo_search.report.task_warnings import task_warnings
-from topo_search.study.relaxing import relaxable
+from topo_search.study.relaxable_limits import relaxable
 from topo_search.topologies import candidates
 from verify import audit, check_chunk
 from verify.proof.check import chunk_box

@@ -18,7 +18,7 @@ from topo_search.model import Design, Mount, ResolvedTask, Status, Task, Topolog
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.task_facts import facts
 from topo_search.report.task_warnings import task_warnings
-from topo_search.study.relaxing import relaxable
+from topo_search.study.relaxable_limits import relaxable
 from topo_search.topologies import candidates, improper_isometry
 from verify import audit as verified
 

@@ -18,7 +18,8 @@ from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS
 from topo_search.model.task_file import apply_settings
 from topo_search.study import SilentObserver
-from topo_search.study.relaxing import RELAXING, relax, relaxable
+from topo_search.study.relaxable_limits import RELAXING, relaxable
+from topo_search.study.relaxing import relax
 from topo_search.study.solving import Tools
 
 

@@ -16,7 +16,7 @@ from topo_search.model import Audit, BadInput, Design
 from topo_search.model.files import read_json
 from topo_search.model.task_file import read_task
 from topo_search.study import COLUMNS, RunFolder, answer_of
-from topo_search.study.relaxing import RELAXING
+from topo_search.study.relaxable_limits import RELAXING
 from topo_search.study.request import Request
 
 
