@@ -27,7 +27,7 @@ from topo_search.export.brackets import bracket
 from topo_search.export.picture import Drawing
 from topo_search.export.tree_drawing import layout
 from topo_search.model import Design, Module, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
 from topo_search.model.mesh import circle, cone_sphere_outline
@@ -47,6 +47,7 @@ STYLE = {
     "text.color": INK,
 }
 MODULE = Module()
+ROTORS = MODULE.rotor_table
 Y = np.array([0.0, 1.0, 0.0])
 """The normal of a side view, which is seen from -y: x to the right, z up."""
 
@@ -138,7 +139,7 @@ def project(points: Array, azimuth: float = -60.0, elevation: float = 22.0) -> A
 
 def quadrotor(axes: Axes, R: Array, p: Array, view: Callable[[Array], Array], *, thrust: bool = True) -> None:
     """Draw a module: arms, rotor discs, connectors, thrust axis."""
-    for position in p + MODULE.arm_length * ROTOR_DIRECTIONS @ R.T:
+    for position in p + MODULE.arm_length * ROTORS.positions @ R.T:
         axes.plot(*view(np.stack([p, position])).T, color=palette.MODULE, linewidth=2)
         axes.add_patch(
             Polygon(view(circle(position, MODULE.body.rotor_radius, R[:, 2])), fc=palette.ROTOR, ec=PALE, alpha=0.6)
@@ -166,13 +167,13 @@ def module(axes: Axes) -> None:
     """Ports and rotors of a module from above."""
     flat = np.eye(3)
     quadrotor(axes, flat, np.zeros(3), lambda x: x[..., :2], thrust=False)
-    for q, (position, spin) in enumerate(zip(MODULE.arm_length * ROTOR_DIRECTIONS, ROTOR_SPINS, strict=True)):
+    for q, (position, spin) in enumerate(zip(MODULE.arm_length * ROTORS.positions, ROTORS.drags, strict=True)):
         axes.text(*position[:2], f"rotor {q}\n{'↺' if spin < 0 else '↻'}", ha="center", va="center", fontsize=8)
     for port, (name, e) in enumerate(zip(PORT_NAMES, PORT_DIRECTIONS, strict=True)):
         end = MODULE.connector_distance * e[:2]
         axes.plot(*end, "s", color=palette.CONNECTOR)
         axes.text(*(1.33 * end), f"port {port}\n({name})", ha="center", va="center", weight="bold")
-    dimension(axes, (0, 0), MODULE.arm_length * ROTOR_DIRECTIONS[3][:2], "")
+    dimension(axes, (0, 0), MODULE.arm_length * ROTORS.positions[3][:2], "")
     axes.text(0.055, 0.025, "arm_length", fontsize=7)
     axes.text(
         0.0,
@@ -445,9 +446,9 @@ def jet(figure: Figure) -> None:
     """Speeds of the jet model in a section through two rotors, in hover."""
     axes = figure.subplots()
     l_arm, u = MODULE.arm_length, np.full((1, 4), MODULE.mass * 9.81 / 4 / MODULE.thrust_coefficient)
-    air = jets(MODULE, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], u)
+    air = jets(MODULE, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTORS.positions[None], u)
     r, z = np.linspace(-0.7, 0.7, 57), np.linspace(-2.0, 0.3, 93)
-    along = ROTOR_DIRECTIONS[3]
+    along = ROTORS.positions[3]
     grid = (r[None, :, None] * along + z[:, None, None] * np.array([0, 0, 1.0])) / l_arm
     speed = speeds(air, grid.reshape(-1, 3))[:, 0].reshape(len(z), len(r))
     lines = axes.contour(r, z, speed, levels=[1, 2, 3, 5, 8], colors=[INK], linewidths=0.8)
@@ -472,7 +473,7 @@ def momentum(figure: Figure) -> None:
     x, y = (side.ravel() for side in np.meshgrid(x, x))  # points of a quadrant, which has one rotor [l_arm]
     for ratio, colour in zip((3, 4, 5, 6), palette.SERIES, strict=False):
         module = Module.model_validate({"body": {"rotor_radius": 2 * MODULE.arm_length / ratio}})
-        air = jets(module, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], np.ones((1, 4)))
+        air = jets(module, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTORS.positions[None], np.ones((1, 4)))
         squares = [(wakes(air, np.column_stack([x, y, 0 * x - 2 * depth])) ** 2).sum() for depth in s]
         thrust = 2 * math.pi * air.radius**2 * air.induced[0, 0] ** 2 * 20**2
         axes.plot(

@@ -106,7 +106,7 @@ CORRECTION = Correction()
 
 
 InputBounds = tuple[Array, Array]
-"""Minimum and maximum input of every rotor in every load case, shape (K, 4n) each."""
+"""Minimum and maximum input of every rotor in every load case, shape (K, r n) each."""
 
 
 def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
@@ -134,7 +134,7 @@ def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
 
 
 def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBounds) -> Array:
-    """Return the minimum inputs of the wrenches b (K, 6), shape (K, 4n), or u where that is better balanced."""
+    """Return the minimum inputs of the wrenches b (K, 6), shape (K, r n), or u where that is better balanced."""
     from nlp.reduced.inputs import dual  # compiled code, which most tasks need not load
 
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
@@ -152,7 +152,7 @@ def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBo
 
 
 def _balance(A: Array, b: Array, u: Array, bounds: InputBounds) -> Array:
-    """Correct inputs u (K, 4n) in place to produce the wrenches b (K, 6) within their bounds; return u."""
+    """Correct inputs u (K, r n) in place to produce the wrenches b (K, 6) within their bounds; return u."""
     active = np.arange(len(b))
     for _ in range(CORRECTION.passes):
         inputs, u_min, u_max = u[active], bounds[0][active], bounds[1][active]

@@ -117,7 +117,7 @@ class _Set:
         return [combination for combination in combinations if self._is_clear(combination)]
 
     def _is_clear(self, combination: Combination) -> bool:
-        origin, no_inputs = np.zeros(3), np.zeros((0, self._topology.n, 4))
+        origin, no_inputs = np.zeros(3), np.zeros((0, self._topology.n, 0))
         vectors = Point(self._task, self._topology, origin, self.angles(combination), origin, no_inputs).vectors
         return all(np.all(requirement.gaps(vectors) >= requirement.margin) for requirement in self._clearances)
 

@@ -35,7 +35,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.derived_rows import DerivedRows
-from nlp.numbers.geometry import Swept, clearance, torque_map
+from nlp.numbers.geometry import Swept, clearance, force_map, torque_map
 from nlp.numbers.masses import masses
 from nlp.numbers.point import Point, rod_path
 from nlp.problem import Variables
@@ -206,7 +206,8 @@ def _vectors(
     inertia = platform_inertia(o, [pose.R for pose in modules], q, carried)
     d = rod_vector(o, [pose.R for pose in modules], q, carried.rod)
     r_R, spin_R = q - d / 2, rod_inertia(d, carried.rod)
-    torques, outward = ca.DM(torque_map(module)), _outward_modules(topology)
+    forces, torques, outward = ca.DM(force_map(module)), ca.DM(torque_map(module)), _outward_modules(topology)
+    rotors = module.rotor_table.count
     vectors = []
     for load in limited:
         case, c = task.load_cases[load.case], joints[load.child]
@@ -218,8 +219,8 @@ def _vectors(
             spin = ca.solve(inertia, tau_C)
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
         for j in outward[load.child]:
-            u_j = variables.u[load.case][4 * j : 4 * j + 4]
-            pull = a + ca.cross(spin, o[j]) + up - ca.sum1(u_j) / 4 * modules[j].z
+            u_j = variables.u[load.case][rotors * j : rotors * (j + 1)]
+            pull = a + ca.cross(spin, o[j]) + up - modules[j].R @ (forces @ u_j)
             force += pull
             moment += inertias[j] @ spin - modules[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
             if j != load.child:  # the cut joint belongs to the parent

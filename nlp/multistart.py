@@ -123,7 +123,8 @@ class ReducedSearch:
         """Set up the search: `seed` seeds the starts, all minima up to `most_effort` [rad^4/s^4] are polished."""
         self._task, self._topology, self._seed, self._constraints = task, topology, seed, constraints
         self.problem: ReducedProblem = to_arrays(task, topology)
-        self.effort_unit = 4 * topology.n * sum(case.weight for case in task.load_cases) * Units.of(task).input ** 2
+        weights = sum(case.weight for case in task.load_cases)
+        self.effort_unit = task.rotor_count * weights * Units.of(task).input ** 2
         """Effort at a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)

@@ -9,13 +9,13 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
 | root | psi, alpha_0, alpha_1: orientation of the root | (3,) |
 | alpha | hinge angles alpha_i | (n-1,) |
 | p'_E | end-effector position in W | (3,) |
-| u_k | squared rotor speeds of load case k | (4n,) each |
+| u_k | squared rotor speeds of load case k, of r rotors a module | (r n,) each |
 
 .. math::
 
     \min_{u, \alpha, p'_E} \quad & \sum_k \lambda_k \|u_k\|^2                                        & (1) \\
-    \text{s.t.} \quad & \sum_{iq} f_{iq} z_i = f_E + f_C                     \quad \forall k         & (2) \\
-    & \sum_{iq} (f_{iq}\, p_{iq} \times z_i + \tau_{iq} z_i)
+    \text{s.t.} \quad & \sum_{iq} f_{iq} a_{iq} = f_E + f_C                  \quad \forall k         & (2) \\
+    & \sum_{iq} (f_{iq}\, p_{iq} \times a_{iq} + \tau_{iq} a_{iq})
       = \tau_E + p'_E \times f_E + \tau_C + p_{COM} \times f_C               \quad \forall k         & (3) \\
     & \tilde\phi_{ij}(\beta) \ge 0                                           \quad \forall i < j     & (4) \\
     & \|p_i - p_j\| \ge d                          \quad \forall i < j \text{ not bolted together}   & (5) \\
@@ -44,7 +44,7 @@ u_min is the minimum input of the task; it is 0 in the paper. Both bounds of a d
 clearance of (4) to (9) includes the margin.
 
 Each requirement is defined in `nlp.requirements`, with its exact value and its name. Ipopt gets scaled values: (1)
-is divided by 4 n sum_k lambda_k, which makes it the weighted mean of the squared inputs over u_hover^2; (2) and (3)
+is divided by r n sum_k lambda_k, which makes it the weighted mean of the squared inputs over u_hover^2; (2) and (3)
 are divided by n, which makes them multiples of the weight; the bounds of (10) are in u_hover, where rho u_max is
 the maximum thrust-to-weight ratio; (5) and (7) are (||.||^2 - d^2) / (2 d), and (4), (6), (8) and (9) log-sum-exps
 over twice the sum of the end radii, so all of them are lengths in l_arm near contact.
@@ -94,7 +94,7 @@ class Variables:
             root=ca.SX.sym("root", 3),
             alpha=ca.SX.sym("alpha", n - 1),
             tip=ca.SX.sym("tip", 3 if position is None else 0),
-            u=[ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))],
+            u=[ca.SX.sym(f"u_{k}", task.rotor_count) for k in range(len(task.load_cases))],
         )
 
     def platform(self, task: ResolvedTask, topology: Topology) -> tuple[list[Pose], ca.SX, ca.SX]:
@@ -141,7 +141,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     effort = ca.SX(0)
     for weight, u_k in zip(weights, variables.u, strict=True):
         effort += weight * ca.sumsqr(u_k)
-    objective = effort / (4 * n * sum(weights))
+    objective = effort / (task.rotor_count * sum(weights))
 
     # (2)-(3) wrench balance of every load case
     carried = masses(module, task.end_effector, topology)

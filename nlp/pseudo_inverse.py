@@ -4,9 +4,9 @@ Lengths in l_arm; forces in m g, torques in l_arm m g about the COM; inputs over
 
 | symbol | meaning | shape |
 |---|---|---|
-| A, A^+ | wrench of every rotor at its maximum input; its pseudo-inverse A^T (A A^T)^-1 | (6, 4n), (4n, 6) |
+| A, A^+ | wrench of every rotor at its maximum input; its pseudo-inverse A^T (A A^T)^-1 | (6, r n), (r n, 6) |
 | b; E | wrench of the case; additional wrenches of the required sizes | (6,); (6, d) |
-| v, S | their inputs A^+ b and A^+ E | (4n,), (4n, d) |
+| v, S | their inputs A^+ b and A^+ E | (r n,), (r n, d) |
 | v_min | minimum input of a rotor | |
 
 A ball of additional wrenches changes input i by |S_i| at most. The allocator produces all of it if

@@ -6,8 +6,8 @@ One small convex problem per load case:
 
 | symbol | meaning | shape |
 |---|---|---|
-| v, v_min | inputs and minimum input, over the maximum input | (4n,) |
-| A | wrench of the rotors at v about W's origin, in weights and arm lengths times weights | (6, 4n) |
+| v, v_min | inputs and minimum input, over the maximum input | (r n,) |
+| A | wrench of the rotors at v about W's origin, in weights and arm lengths times weights | (6, r n) |
 | b_k | required wrench of load case k, in the same units | (6,) |
 
 The solver is DAQP, a dual active-set method that comes with CasADi.
@@ -67,7 +67,7 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
 
 
 def _solve_inputs(A: Array, b: Array, v_min: float) -> Array:
-    """Return the minimum inputs of every load case, shape (K, 4n); raise NotPossible if one is infeasible."""
+    """Return the minimum inputs of every load case, shape (K, r n); raise NotPossible if one is infeasible."""
     N = A.shape[1]
     options = {"error_on_fail": False, "print_time": False}
     solve = ca.conic("least", "daqp", {"h": ca.Sparsity.diag(N), "a": ca.Sparsity.dense(6, N)}, options)

@@ -1,6 +1,6 @@
 """The dimensionless problem: lengths in l_arm, forces in m g, rotor inputs in the hover input of one module.
 
-A rotor at input 1 produces a quarter of its module's weight: k_f u_hover = m g / 4.
+The rotors of a module at input 1 have its weight as their thrust: r k_f u_hover = m g with r rotors.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Units:
     force: float
     """m g [N]."""
     input: float
-    """u_hover = m g / (4 k_f) [rad^2/s^2]."""
+    """u_hover = m g / (r k_f) [rad^2/s^2]."""
 
     @classmethod
     def of(cls, task: ResolvedTask) -> Units:

@@ -122,7 +122,7 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
         (("task", "modules"), [3, 4], "task: `modules` must be one number here, but got [3, 4]"),
         (("hinge_angles_rad",), [0.1], "hinge_angles_rad: must have one angle per non-root module, 2, but got..."),
         (("rotor_speeds_squared",), [[1.0] * 12], "rotor_speeds_squared: must have one list per load case, 2..."),
-        (("rotor_speeds_squared", 1), [1.0] * 11, "rotor_speeds_squared[1]: must have four values per module..."),
+        (("rotor_speeds_squared", 1), [1.0] * 11, "rotor_speeds_squared[1]: must have one value per rotor..."),
         (("rotor_speeds_squared", 0, 3), float("inf"), "rotor_speeds_squared[0][3]: must be a finite number..."),
         (("hinge_angles_rad", 0), "0.3", 'hinge_angles_rad[0]: must be a number, but got "0.3"'),
         # the task inside

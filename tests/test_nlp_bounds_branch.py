@@ -20,7 +20,7 @@ from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.numbers.point import Point
 from nlp.units import Units
 from topo_search.model import Design, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.corners import to_corners
 from topo_search.model.files import read_json
 from topo_search.model.proof import chunk_count, proof_task
@@ -74,7 +74,7 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, bounded):
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
     joints, p_COM, tip = placed(task, tree, at, tip)
     o = at.p - p_COM
-    rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
+    rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * module.rotor_table.positions)
     platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
     total, air, planes = 0.0, module.region_envelope, list(half_spaces(task))

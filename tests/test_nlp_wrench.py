@@ -13,7 +13,6 @@ from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.requirements.balances import required_wrenches, wrench_matrix
 from topo_search.model import Topology
-from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.kinematics import platform, wrench_errors
 from verify.residuals import residuals
 
@@ -92,7 +91,7 @@ def test_an_odd_kappa_flips_the_yaw_torque_of_the_childs_rotors(kappa, turns_yaw
     drag = {}
     for point in (aligned, turned):
         (R, p), A = point.poses, wrench_matrix(point)
-        places = p[1] + (point.task.module.arm_length * ROTOR_DIRECTIONS) @ R[1].T
+        places = p[1] + (point.task.module.arm_length * point.task.module.rotor_table.positions) @ R[1].T
         lift = np.cross(places, A[:3, 4:].T)
         own = (A[3:, 4:].T - lift) @ R[1][:, 2]  # about the thrust axis, without the lift's moment
         order = np.lexsort(np.round(places, 9).T)

@@ -155,7 +155,7 @@ def test_flights_fronts_and_near_ties(audited, capsys):
             hinge_tolerance_deg=x,
             audit="clear",
         )
-        check(near_tie_cells(row, row)[2:], least=x, most=3 * x)
+        check(near_tie_cells(row, row, 12)[2:], least=x, most=3 * x)
         point = FrontPoint(row, x, x, 3 * x, 0, Level(*[None] * len(Level._fields)), joint_moment=9 * x)
         answer = Answer("nowhere", (), (LevelAnswer(0, point.level, ()),), (point,))
         print(*_front(answer), sep="\n")

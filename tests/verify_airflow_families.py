@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from verify_cases import GAPS, at_clearance, brute_clearance, unit
 from verify_families import Judged, golden, rotation
 
-from verify.beside_airflow import ROTORS, BesideAirflow, certify_beside
+from verify.beside_airflow import BesideAirflow, certify_beside
 from verify.bodies import ConeSphere
 from verify.certificate import RoundBody, certify_pairs
 from verify.compounds import Compound
@@ -99,7 +99,7 @@ def rotor_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Ju
     asked = [
         BesideAirflow("rotor-airflow", 0, 1, placed, against, segment)
         for against in (RoundBody(body).place(R, centre) for body in bodies)
-        for segment in (*range(ROTORS), None)
+        for segment in (*range(placed.rotors), None)
     ]
     certificates = iter(certify_beside(asked))
     for body in bodies:

@@ -50,7 +50,7 @@ class SymbolicPlatform:
     rod: Expression
     """Rod from its connector to p_E, (3, 1) [m]; without a mount, from the nearest free connector."""
     inputs: tuple[Expression, ...]
-    """u_k: squared rotor speeds of every load case, module-major, (4 n, 1) each [rad^2/s^2]."""
+    """u_k: squared rotor speeds of every load case, module-major, (r n, 1) each [rad^2/s^2]."""
 
     @property
     def n(self) -> int:

@@ -49,7 +49,7 @@ def complete(geometry: Geometry) -> Design:
     if isinstance(geometry, Design):
         return geometry
     fields = {name: getattr(geometry, name) for name in Geometry.model_fields}
-    idle = ((0.0,) * (4 * geometry.topology.n),) * len(geometry.task.load_cases)
+    idle = ((0.0,) * geometry.task.rotor_count,) * len(geometry.task.load_cases)
     design = _count_rod(Design(**fields, rotor_speeds_squared=idle, objective=0.0, inputs_computed=True))
     u = _best_inputs(design.task, platform(design))
     design = design.model_copy(update={"rotor_speeds_squared": tuple(map(tuple, u.tolist()))})
@@ -70,7 +70,7 @@ def _count_rod(design: Design) -> Design:
 
 
 def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
-    """Return the inputs of every load case, shape (K, 4n) [rad^2/s^2]; zeros if numbers are too large."""
+    """Return the inputs of every load case, shape (K, r n) [rad^2/s^2]; zeros if numbers are too large."""
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
     A = wrench_map(platform, task.module) * task.max_input / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for case in task.load_cases]) / unit
@@ -98,7 +98,7 @@ def corner_residuals(found: Findings) -> Iterator[Residual]:
     unit = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
     A = wrench_map(platform, task.module) * task.module.max_input(task.gravity) / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
-    box = Bounds(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
+    box = Bounds(np.full(A.shape[1], task.module.min_input), np.full(A.shape[1], task.search.peak_input))
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
         solvable = find_solutions(A, b, box)
         error = solvable.v @ A.T - b
@@ -119,7 +119,7 @@ def power(found: Findings) -> tuple[CasePower, ...]:
 
 
 def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
-    task, module, rotors = design.task, design.task.module, 4 * design.topology.n
+    task, module, rotors = design.task, design.task.module, design.task.rotor_count
     A = wrench_map(platform, module)
     rows = [
         (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)), A @ u, u)

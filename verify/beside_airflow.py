@@ -46,9 +46,6 @@ from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, FclPolytope, Indices
 from verify.requirements import Scene
 
-ROTORS = 4
-
-
 BesideAirflow = ClearanceCheck[Compound, RoundBody]
 """Check of one module's rotor `segment`, or hub and arms if None, against the airflow of another module."""
 
@@ -88,7 +85,7 @@ def beside_airflow(
         for a, module in enumerate(modules)
         for b, envelope in enumerate(envelopes)
         if a != b
-        for segment in (*range(ROTORS), None)
+        for segment in (*range(module.rotors), None)
     )
 
 
@@ -101,7 +98,8 @@ def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
     """Certify the checks that `beside_airflow` yields, for copies of one module."""
     if not checks:
         return []
-    pairs = checks[:: ROTORS + 1]
+    count = checks[0].body.rotors + 1  # checks of each pair of modules
+    pairs = checks[::count]
     R, p = (np.array(column) for column in zip(*(_pose(pair.body) for pair in pairs), strict=True))
     clearances = _clearances(pairs, R, p)
     proven = [
@@ -125,7 +123,7 @@ def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
                 certificates.append(Certificate(Status.CLEAR, lower, upper, d, 0, closest[side][k]))
             else:
                 witness = _Clearances(*(column[k] for column in part))
-                proof = functools.partial(_proof, checks[k * (ROTORS + 1) + side], witness)
+                proof = functools.partial(_proof, checks[k * count + side], witness)
                 # a box, the parts' common meshes, then meshes turned towards the witness
                 levels, proven_upper = 2 + len(TURNED_LEVELS), None if np.isnan(upper) else upper
                 certificates.append(judge(d, proven_upper, closest[side][k], proof, levels))
@@ -174,7 +172,7 @@ def clearance(check: BesideAirflow) -> float:
     """Return the exact clearance of one check."""
     R, p = _pose(check.body)
     by_side = _clearances([check], R[None], p[None])
-    return float(by_side[ROTORS if check.segment is None else check.segment].d[0])
+    return float(by_side[check.body.rotors if check.segment is None else check.segment].d[0])
 
 
 def normals(check: BesideAirflow, pieces: Sequence[RoundBody]) -> list[Array]:

@@ -22,13 +22,13 @@ import numpy as np
 
 from topo_search.model import Mount
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.rotors import UP
 from verify.bodies import Array
 from verify.certificate import ClearanceCheck
 from verify.compounds import Compound
 from verify.contacts import AnyCheck
 from verify.convex import Polyhedron
 from verify.hulls import HullBody, hull
-from verify.parts import UP
 from verify.requirements import ClearanceRequirement, Scene
 
 

@@ -102,6 +102,11 @@ class Compound:
         parts = tuple(placed.get(part) or part.place(R, p) for part in self.parts)
         return Compound(parts, copy.bounds, self.frame, self.outer_pieces)
 
+    @property
+    def rotors(self) -> int:
+        """Number of rotors, the parts after the frame."""
+        return len(self.parts) - self.frame
+
     @functools.cached_property
     def reach(self) -> float:
         """Radius of a bounding ball around the origin."""

@@ -8,20 +8,22 @@
 | e_a | direction of port a in the module frame: +x, +y, -x, -y | (3,) | |
 | l_c | module centre to connector | scalar | m |
 | R_i, p_i | orientation and position of module i in W, p_root = 0 | (3,3), (3,) | -, m |
-| z_i | thrust axis, R_i e_z | (3,) | |
+| z_i | axis of a module, R_i e_z | (3,) | |
 | p_COM, o_i, p_E | platform COM in W; module centre and end-effector from the COM | (3,) | m |
-| delta_q, o_iq | rotor q = 1..4 in the module frame; from the COM, o_i + R_i delta_q | (3,) | m |
+| delta_q, o_iq | rotor q = 1..r in the module frame; from the COM, o_i + R_i delta_q | (3,) | m |
+| a_iq | its thrust axis in W | (3,) | |
 
 The axis of a joint lies in the plane of the parent's arms, perpendicular to the arm: y at the x ports, x at the y
 ports. The hinge is halfway between the two centres: l_c e_a before it and l_c e_a, turned by the hinge, behind it.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| u_k | squared rotor speeds of load case k | (n, 4) | rad^2/s^2 |
-| A | wrench map about the COM, W_k = A u_k | (6, 4n) | N, N m per rad^2/s^2 |
+| u_k | squared rotor speeds of load case k | (n, r) | rad^2/s^2 |
+| A | wrench map about the COM, W_k = A u_k | (6, r n) | N, N m per rad^2/s^2 |
 | b_k | required wrench about the COM: force f_E + f_C, torque tau_E + p_E x f_E + tau_C | (6,) | N, N m |
 
-Column (i, q) of A is k_f z_i over k_f o_iq x z_i + (-1)^q k_tau z_i. Gravity is a load case like any other.
+Column (i, q) of A is k_f a_iq over k_f o_iq x a_iq - s_q k_tau a_iq, with s_q = 1 for a rotor that turns
+counter-clockwise seen against its thrust, otherwise -1. Gravity is a load case like any other.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Design, LoadCase, Module, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from verify.bodies import Array
 
 
@@ -48,7 +50,7 @@ class Poses(NamedTuple):
 
     @property
     def z(self) -> Array:
-        """Thrust axes z_i, shape (n, 3)."""
+        """Axes z_i, shape (n, 3)."""
         return self.R[:, :, 2]
 
 
@@ -65,7 +67,9 @@ class Platform(NamedTuple):
     end_effector: Array
     """End-effector in W, shape (3,) [m]."""
     rotors: Array
-    """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
+    """o_iq, rotor positions from the COM, shape (n, r, 3) [m]."""
+    thrust_axes: Array
+    """a_iq, shape (n, r, 3)."""
     joints: Array
     """Joints of modules 1..n-1 with their parents, from the COM, shape (n - 1, 3) [m]."""
     rod: Array = np.zeros((0, 2, 3))
@@ -83,7 +87,7 @@ class Platform(NamedTuple):
 
     @property
     def z(self) -> Array:
-        """Thrust axes, shape (n, 3)."""
+        """Axes of the modules, shape (n, 3)."""
         return self.poses.z
 
 
@@ -158,19 +162,19 @@ def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
     p_com = moment / task.total_mass(n)
     rod -= [p_com, np.zeros(3)]
     o = poses.p - p_com
-    deltas = module.arm_length * ROTOR_DIRECTIONS
-    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, deltas)
-    return Platform(poses, p_com, o, p_E_in_W - p_com, p_E_in_W, rotors, joints - p_com, rod)
+    table = module.rotor_table
+    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, module.arm_length * table.positions)
+    axes = np.einsum("nij,qj->nqi", poses.R, table.axes)
+    return Platform(poses, p_com, o, p_E_in_W - p_com, p_E_in_W, rotors, axes, joints - p_com, rod)
 
 
 def wrench_map(platform: Platform, module: Module) -> Array:
-    """Return A, shape (6, 4n), columns module by module."""
-    n = len(platform.o)
-    z = np.broadcast_to(platform.poses.z[:, None, :], (n, 4, 3))
-    force = module.thrust_coefficient * z
-    drag = module.torque_coefficient * ROTOR_SPINS[None, :, None] * z
-    torque = module.thrust_coefficient * np.cross(platform.rotors, z) + drag
-    return np.concatenate([force, torque], axis=-1).reshape(4 * n, 6).T
+    """Return A, shape (6, r n), columns module by module."""
+    axes = platform.thrust_axes
+    force = module.thrust_coefficient * axes
+    drag = module.torque_coefficient * module.rotor_table.drags[None, :, None] * axes
+    torque = module.thrust_coefficient * np.cross(platform.rotors, axes) + drag
+    return np.concatenate([force, torque], axis=-1).reshape(-1, 6).T
 
 
 def required_wrench(case: LoadCase, p_E: Array) -> Array:

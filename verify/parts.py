@@ -1,8 +1,8 @@
 """The rigid parts of a platform, in the audit's coordinates: hub, arms, rotor discs, and the rod.
 
-In the module frame, the hub is a box about the centre, the four arms are boxes from the centre to the rotors
-(X layout), and the four rotor discs are cylinders about the rotors, at the height of the centre. Sizes are those of
-`[module.body]`; the user's convex pieces may replace hub and arms.
+In the module frame, the hub is a box about the centre, the arms are boxes from the centre to the rotors, and the
+rotor discs are cylinders about the rotors, across their axes. Sizes are those of `[module.body]`; the user's convex
+pieces may replace hub and arms.
 
 A straight rod from a free connector carries the end-effector.
 
@@ -25,13 +25,10 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Module, Mount
-from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.bodies import Array, ConeSphere
 from verify.certificate import RoundBody
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, capsule, cylinder
-
-UP = np.array([0.0, 0.0, 1.0])
 
 
 @functools.lru_cache(maxsize=4)
@@ -45,14 +42,16 @@ def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]
     """Return the frame (hub and arms) and the rotors of a module, in its own frame [l_arm]."""
     body, l_arm = module.body, module.arm_length
     width, radius, height = body.arm_width / l_arm, body.rotor_radius / l_arm, body.rotor_height / l_arm
-    rotors = tuple(cylinder(f"rotor {q}", along, UP, radius, height) for q, along in enumerate(ROTOR_DIRECTIONS))
+    table = module.rotor_table
+    discs = enumerate(zip(table.positions, table.axes, strict=True))
+    rotors = tuple(cylinder(f"rotor {q}", centre, axis, radius, height) for q, (centre, axis) in discs)
     if body.frame is not None:
         surfaces = [(np.array(piece.vertices) / l_arm, np.array(piece.triangles)) for piece in body.frame]
         return tuple(Polyhedron(f"frame {k}", *surface) for k, surface in enumerate(surfaces)), rotors
     hub = box("hub", np.zeros(3), np.diag(body.hub) / l_arm / 2)
     arms = [
-        box(f"arm {q}", along / 2, np.stack([along, width * np.cross(UP, along), width * UP]) / 2)
-        for q, along in enumerate(ROTOR_DIRECTIONS)
+        box(f"arm {q}", length * axes[0] / 2, np.array([length, width, width])[:, None] * axes / 2)
+        for q, (length, axes) in enumerate(zip(table.distances, table.arm_axes(), strict=True))
     ]
     return (hub, *arms), rotors
 

@@ -3,9 +3,9 @@ r"""Air speed of a module at a point, with derivatives, and the fastest air of a
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | q | the point from the module, in its frame | (3,) | l_arm |
-| u | inputs of the module | (4,) | u_hover |
+| u | inputs of the module | (r,) | u_hover |
 | v_0 | induced speed of a disc at u_hover | | m/s |
-| C | max(G, H), a factor for each rotor | (4,) | |
+| C | max(G, H), a factor for each of r rotors | (r,) | |
 | U | speed of the air, v_0 sqrt(C . u) | | m/s |
 | epsilon | width over which kinks are rounded | | - |
 | v_q | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)) | | m/s |
@@ -22,7 +22,7 @@ in its inputs:
 
 .. math::
 
-    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + \tfrac{c}{4} M^2,
+    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + \tfrac{c}{r} M^2,
         \quad H_q = k_q \sum_p k_p, \quad k_q = (1 + \sqrt 2 d_q / R)^{-2} \\
     M &= \frac{D}{s' + s_0} \big(1 + (\sqrt 2 - 1) \tfrac{r^2}{r_h^2}\big)^{-2},
         \quad c = \tfrac{s - 1}{1.5} \in [0, 1], \quad s' = \max(s, 2.5), \quad r_h = 2 b (s' + s_0) \\
@@ -32,7 +32,7 @@ in its inputs:
         \text{ else } (24 \delta^2 a)^{1/4}
 
 The slipstream carries g / 2 of its rotor's thrust as momentum, the rest is pressure. S_q is zero above the disc.
-The inflow is at least the sum of four sinks, and equal to it for equal rotors (Cauchy's inequality).
+The inflow is at least the sum of the sinks, and equal to it for equal rotors (Cauchy's inequality).
 
 min and max are rounded:
 
@@ -55,7 +55,7 @@ import numpy as np
 
 from topo_search.compiled_code import njit, refresh
 from topo_search.model import Module
-from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
+from topo_search.model.arrays import Array
 
 
 class JetRounding(NamedTuple):
@@ -104,8 +104,6 @@ class Climb(NamedTuple):
 CLIMB = Climb()
 SHARP, ROUNDED = 1e-12, 0.02
 """epsilon of exact speeds, and of speeds with derivatives."""
-DISCS = np.ascontiguousarray(ROTOR_DIRECTIONS[:, :2])
-"""Positions of the discs in the module's plane, shape (4, 2) [l_arm]."""
 
 
 class JetConstants(NamedTuple):
@@ -121,15 +119,19 @@ class JetConstants(NamedTuple):
     """R [l_arm]."""
     induced: float
     """Induced speed of a disc at u_hover [m/s]."""
+    discs: Array
+    """Positions of the discs in the module's plane, shape (r, 2) [l_arm]."""
 
 
 def jet_of(module: Module, density: float, gravity: float) -> JetConstants:
     """Return a module's jet in air of some density [kg/m^3]."""
     jet, disc = module.airflow.jet, math.pi * module.body.rotor_radius**2
     induced = math.sqrt(module.thrust_coefficient * module.hover_input(gravity) / (2 * density * disc))
-    return JetConstants(
-        jet.decay, jet.origin, jet.half_width, module.body.rotor_radius / module.arm_length, induced
+    discs, R = (
+        np.ascontiguousarray(module.rotor_table.positions[:, :2]),
+        module.body.rotor_radius / module.arm_length,
     )
+    return JetConstants(jet.decay, jet.origin, jet.half_width, R, induced, discs)
 
 
 @njit(cache=True)
@@ -163,13 +165,13 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
         jet: jet of the module.
         q: the point from the module, shape (3,).
         epsilon: width of rounding.
-        C: output, shape (4,).
-        dC: output: derivatives of C by q, shape (4, 3); empty: none are computed.
+        C: output, shape (r,).
+        dC: output: derivatives of C by q, shape (r, 3); empty: none are computed.
     """
-    R, z = jet.radius, -q[2]
+    R, z, discs = jet.radius, -q[2], jet.discs
     k_total, x_total, y_total, z_total = 0.0, 0.0, 0.0, 0.0
-    for k in range(4):  # inflow, before it is multiplied by its sum
-        x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
+    for k in range(len(discs)):  # inflow, before it is multiplied by its sum
+        x, y = q[0] - discs[k, 0], q[1] - discs[k, 1]
         r = math.sqrt(x * x + y * y + 1e-12)
         beyond, beyond_r = larger(r - R, 0.0, epsilon)
         d = math.sqrt(beyond * beyond + z * z + 1e-12)
@@ -188,9 +190,9 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
     S, S_s = larger(z / 2, JETS.merged_at, epsilon)
     S += jet.origin
     merged, curve, profile = merged_jets(jet, q, S)
-    far = share * merged * merged / 4
+    far = share * merged * merged / len(discs)
     far_x, far_y = -8 * far * curve / profile * q[0], -8 * far * curve / profile * q[1]
-    far_z = share_z * merged * merged / 4 + far * S_s / S * (4 * (profile - 1) / profile - 1)
+    far_z = share_z * merged * merged / len(discs) + far * S_s / S * (4 * (profile - 1) / profile - 1)
 
     below, below_z = larger(z, 0.0, epsilon)
     below_disc, below_disc_z = clip(1 + z / epsilon, epsilon)
@@ -206,8 +208,8 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
     outer_z = by_delta * delta_z - by_area * area * g_z / g
     fade = own_share * below_disc
     fade_z = own_share * below_disc_z / epsilon + own_share_z * below_disc
-    for k in range(4):
-        x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
+    for k in range(len(discs)):
+        x, y = q[0] - discs[k, 0], q[1] - discs[k, 1]
         r = math.sqrt(x * x + y * y + 1e-12)
         t = (outer - r) / (2 * delta)
         inside, by_t = clip(t, epsilon)
@@ -228,18 +230,18 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
 
 @njit(cache=True)
 def speed(jet: JetConstants, C: Array, dC: Array, u: Array, slopes: Array) -> float:
-    """Return U, and write its gradient by q and u to `slopes`, shape (7,); no gradient if that is empty."""
+    """Return U, and write its gradient by q and u to `slopes`, shape (3 + r,); no gradient if that is empty."""
     square = 0.0
-    for k in range(4):
+    for k in range(len(C)):
         square += C[k] * (u[k] + JETS.idle)
     U = jet.induced * math.sqrt(square)
     if len(slopes):
         by_square = jet.induced**2 / (2 * U)
         for axis in range(3):
             slopes[axis] = 0.0
-            for k in range(4):
+            for k in range(len(C)):
                 slopes[axis] += by_square * (u[k] + JETS.idle) * dC[k, axis]
-        for k in range(4):
+        for k in range(len(C)):
             slopes[3 + k] = by_square * C[k]
     return U
 
@@ -375,15 +377,18 @@ def total_speed(jet: JetConstants, R: Array, p: Array, u: Array, x: Array) -> fl
         jet: jet of the modules.
         R: orientations of the modules, shape (n, 3, 3).
         p: positions of the modules, shape (n, 3) [l_arm].
-        u: inputs, shape (n, 4) [u_hover].
+        u: inputs, shape (n, r) [u_hover].
         x: the point, shape (3,) [l_arm].
     """
-    q, C, no_dC, total = np.empty(3), np.empty(4), np.empty((0, 3)), 0.0
+    q, C, no_dC, total = np.empty(3), np.empty(len(jet.discs)), np.empty((0, 3)), 0.0
     for i in range(len(p)):
         for k in range(3):
             q[k] = R[i, 0, k] * (x[0] - p[i, 0]) + R[i, 1, k] * (x[1] - p[i, 1]) + R[i, 2, k] * (x[2] - p[i, 2])
         find_factors(jet, q, SHARP, C, no_dC)
-        total += jet.induced * math.sqrt(C[0] * u[i, 0] + C[1] * u[i, 1] + C[2] * u[i, 2] + C[3] * u[i, 3])
+        square = 0.0
+        for k in range(len(C)):
+            square += C[k] * u[i, k]
+        total += jet.induced * math.sqrt(square)
     return total
 
 
@@ -410,13 +415,13 @@ def climb(
     n = len(p)
     maxima, x, best, no_slopes = np.full((n, 4), -1.0), np.empty(3), np.empty(3), np.empty((0, 3))
     for i in range(n):
-        for disc in range(5):
+        for disc in range(len(jet.discs) + 1):
             best_own = 0.0
             for depth in depths:
                 for a in range(3):
                     x[a] = p[i, a] - depth * R[i, a, 2]
-                    if disc < 4:
-                        x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
+                    if disc < len(jet.discs):
+                        x[a] += jet.discs[disc, 0] * R[i, a, 0] + jet.discs[disc, 1] * R[i, a, 1]
                 if project_inside(region, x, no_slopes):
                     own_speed = total_speed(jet, R[i : i + 1], p[i : i + 1], u[i : i + 1], x)
                     if own_speed > best_own:
@@ -519,9 +524,9 @@ def point_of_ball(
 
 @njit(cache=True)
 def curvature(jet: JetConstants, q: Array, u: Array, hessian: Array) -> None:
-    """Compute the Hessian of a rounded speed by q and u, shape (7, 7), from that of its square."""
-    C, dC, above, below = np.empty(4), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
-    slopes, square = np.empty(7), jet.induced**2
+    """Compute the Hessian of a rounded speed by q and u, shape (3 + r, 3 + r), from that of its square."""
+    r, square = len(u), jet.induced**2
+    C, dC, above, below, slopes = np.empty(r), np.empty((r, 3)), np.empty((r, 3)), np.empty((r, 3)), np.empty(3 + r)
     find_factors(jet, q, ROUNDED, C, dC)
     U = speed(jet, C, dC, u, slopes)
     hessian[:] = 0.0
@@ -533,10 +538,10 @@ def curvature(jet: JetConstants, q: Array, u: Array, hessian: Array) -> None:
         q[a] = middle - JETS.difference
         find_factors(jet, q, ROUNDED, C, below)
         q[a] = middle
-        for k in range(4):
+        for k in range(r):
             hessian[a, :3] += square * (u[k] + JETS.idle) * (above[k] - below[k]) / (2 * JETS.difference)
-    for a in range(7):
-        for b in range(7):
+    for a in range(3 + r):
+        for b in range(3 + r):
             hessian[a, b] = (hessian[a, b] / 2 - slopes[a] * slopes[b]) / U
 
 

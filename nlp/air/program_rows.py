@@ -3,7 +3,7 @@
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | y | local vectors: p_i - p'_E, x_i, y_i, z_i; p_j - p'_E and z_j of the ball's module j | (6, 3) | l_arm, - |
-| u | inputs of module i in the point's load case | (4,) | u_hover |
+| u | inputs of module i in the point's load case | (r,) | u_hover |
 | q | the point from module i in its frame (`nlp.air.jets`) | (3,) | l_arm |
 
 A row is the sum of the modules' speeds at its point. A module's speed is a function of (y, u), the same in all
@@ -45,9 +45,10 @@ class SpeedRows:
             for point, limit in zip(points, limits, strict=True)
         ]
         self._numbers = np.repeat(numbers, n, axis=0)
-        self._inputs = 4 * (n * np.repeat([point.case for point in points], n) + i)[:, None] + np.arange(4)
+        module = n * np.repeat([point.case for point in points], n) + i
+        self._inputs = len(self._jet.discs) * module[:, None] + np.arange(len(self._jet.discs))
         x = np.concatenate([np.tile(np.arange(g), (m * n, 1)), g + self._inputs], axis=1)
-        self._rows, self._upper = np.repeat(np.arange(m), n), np.triu_indices(g + 4)
+        self._rows, self._upper = np.repeat(np.arange(m), n), np.triu_indices(x.shape[1])
         first, second = self._upper
         self.jacobian_pattern, self._in_jacobian = _pattern(m, size, self._rows[:, None], x)
         self.hessian_pattern, self._in_hessian = _pattern(size, size, x[:, first], x[:, second])
@@ -84,11 +85,11 @@ class SpeedRows:
         return derive_speeds(order, self._jet, y, u.ravel()[self._inputs], self._numbers)
 
     def _chain(self) -> Array:
-        """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + 4, 22)."""
-        dV, g = self._program.platform.dV, self._program.g
-        dy = np.zeros((len(self._rows), g + 4, 22))
+        """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + r, 18 + r)."""
+        dV, g, r = self._program.platform.dV, self._program.g, len(self._jet.discs)
+        dy = np.zeros((len(self._rows), g + r, 18 + r))
         dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).transpose(0, 2, 1, 3).reshape(-1, g, 18)
-        dy[:, g:, 18:] = np.eye(4)
+        dy[:, g:, 18:] = np.eye(r)
         return dy
 
 
@@ -100,15 +101,16 @@ def derive_speeds(order: int, jet: JetConstants, y: Array, u: Array, numbers: Ar
         order: 0, 1 or 2.
         jet: jet of the modules.
         y: local vectors, shape (m, 6, 3).
-        u: inputs, shape (m, 4).
+        u: inputs, shape (m, r).
         numbers: `from_tip`, `direction`, `radius` and reciprocal limit of each point, shape (m, 8).
     """
-    m = len(y)
-    values, gradients = np.empty(m), np.zeros((m if order else 0, 22))
-    hessians = np.zeros((m if order > 1 else 0, 22, 22))
-    x, q, slopes, second = np.empty(3), np.empty(3), np.empty(7), np.empty((7, 7))
-    C, dC = np.empty(4), np.empty((4 if order else 0, 3))
-    by_ball, by_y, d = np.empty((3, 6)), np.zeros((7, 22)), np.empty(3)
+    m, rotors = u.shape
+    count = 18 + rotors
+    values, gradients = np.empty(m), np.zeros((m if order else 0, count))
+    hessians = np.zeros((m if order > 1 else 0, count, count))
+    x, q, slopes, second = np.empty(3), np.empty(3), np.empty(3 + rotors), np.empty((3 + rotors, 3 + rotors))
+    C, dC = np.empty(rotors), np.empty((rotors if order else 0, 3))
+    by_ball, by_y, d = np.empty((3, 6)), np.zeros((3 + rotors, count)), np.empty(3)
     for r in range(m):
         point_of_ball(numbers[r, :3], numbers[r, 6], numbers[r, 3:6], y[r, 4], y[r, 5], x, by_ball)
         for a in range(3):
@@ -128,7 +130,7 @@ def derive_speeds(order: int, jet: JetConstants, y: Array, u: Array, numbers: Ar
                 by_y[a, 12 + c] = 0.0
                 for b in range(3):
                     by_y[a, 12 + c] += y[r, 1 + a, b] * by_ball[b, c]
-        for k in range(4):
+        for k in range(rotors):
             by_y[3 + k, 18 + k] = 1.0
         gradients[r] = inverse_limit * (slopes @ by_y)
         if order == 1:
@@ -145,8 +147,8 @@ def derive_speeds(order: int, jet: JetConstants, y: Array, u: Array, numbers: Ar
                     H[12 + c, 3 + 3 * a + b] += slopes[a] * by_ball[b, c]
         if numbers[r, 6] > 0.0:
             _add_curvature_of_point(numbers[r], y[r], slopes, H)
-        for a in range(22):
-            for b in range(22):
+        for a in range(count):
+            for b in range(count):
                 H[a, b] *= inverse_limit
     return values, gradients, hessians
 

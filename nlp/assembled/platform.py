@@ -7,8 +7,8 @@ r"""The numeric platform: its vectors and its rotors' wrenches, with derivatives
 | V | p, axes x, y and z of all modules, then p'_E, p_COM and zero | (4n+3, 3) | l_arm, - |
 | dV | derivatives of V by x | (4n+3, g, 3) | |
 | y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
-| A | wrench of every rotor at unit input about W's origin, over n | (4n, 6) | m g, l_arm m g |
-| dA | derivatives of A by theta | (6, 4n, n+2) | |
+| A | wrench of every rotor at unit input about W's origin, over n | (r n, 6) | m g, l_arm m g |
+| dA | derivatives of A by theta | (6, r n, n+2) | |
 | omega_j, c_j | axis of theta_j, and a point on it | (3,) | -, l_arm |
 | v_j = c_j x omega_j | velocity of W's origin at unit angular velocity | (3,) | l_arm |
 
@@ -31,7 +31,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.numbers.geometry import cross, torque_map
+from nlp.numbers.geometry import cross, force_map, torque_map
 from nlp.numbers.kinematics import chain, tree_of
 from nlp.numbers.masses import masses
 from nlp.requirements.statement import LocalVector, PlatformVector
@@ -50,7 +50,8 @@ class Layout:
 
     def __init__(self, task: ResolvedTask, topology: Topology) -> None:
         n, module = topology.n, task.module
-        self.n, self.tree, self.torque_map = n, tree_of(topology), torque_map(module)
+        self.n, self.tree = n, tree_of(topology)
+        self.force_map, self.torque_map = force_map(module), torque_map(module)
         self.l_c = module.connector_distance / module.arm_length
         self.masses = carried = masses(module, task.end_effector, topology)
         fixed = task.end_effector.fixed_position
@@ -64,8 +65,8 @@ class Layout:
         self.fixed = None if fixed is None else carried.lever * np.array(fixed) / Units.of(task).length
         self.moves = np.tile(self.tree.moves.T, (4, 1)).astype(float)
         """1 if an angle moves a vector of a module, shape (4n, n+2)."""
-        self.rotor_moves = np.repeat(self.moves[:n], 4, axis=0)
-        """1 if an angle moves a rotor, shape (4n, n+2)."""
+        self.rotor_moves = np.repeat(self.moves[:n], self.force_map.shape[1], axis=0)
+        """1 if an angle moves a rotor, shape (r n, n+2)."""
         self.inward = np.zeros((n + 2, n + 2))
         """1 if angle j is inward of or equal to k."""
         self.inward[:, 3:], self.inward[:3, :3] = self.tree.moves[:, 1:], np.triu(np.ones((3, 3)))
@@ -102,11 +103,10 @@ class AssembledPlatform:
         self.V[:n], self.V[n : 4 * n] = p, R.transpose(2, 0, 1).reshape(-1, 3)
         tip = x[n + 2 :] if layout.fixed is None else layout.fixed
         self.V[4 * n : -1] = layout.module_weights @ self.V[: 4 * n] + layout.tip_weights * tip
-        force, torques = self.V[3 * n : 4 * n] / (4 * n), R @ layout.torque_map / n
-        wrenches = np.empty((n, 4, 6))
-        wrenches[:, :, :3] = force[:, None]
-        wrenches[:, :, 3:] = cross(p, force)[:, None] + torques.transpose(0, 2, 1)
-        self.A = wrenches.reshape(-1, 6)
+        forces, torques = (
+            (R @ by_inputs / n).transpose(0, 2, 1) for by_inputs in (layout.force_map, layout.torque_map)
+        )
+        self.A = np.concatenate([forces, cross(p[:, None], forces) + torques], axis=2).reshape(-1, 6)
 
     @cached_property
     def _v(self) -> Array:

@@ -3,7 +3,7 @@
 | symbol | meaning | shape |
 |---|---|---|
 | x | geometric unknowns: theta, then p'_E unless the task fixes it | (g,) |
-| u | inputs of every load case | (K, 4n) |
+| u | inputs of every load case, r rotors a module | (K, r n) |
 | mu | multipliers of the balances | (K, 6) |
 | V, A | vectors of the platform and wrenches of its rotors (`nlp.assembled.platform`) | |
 
@@ -67,7 +67,7 @@ class AssembledProblem:
         self.n, self.K = topology.n, len(task.load_cases)
         self.layout = layout = Layout(task, topology)
         self.g = layout.g
-        self.size = self.g + 4 * self.n * self.K
+        self.size = self.g + task.rotor_count * self.K
         at_tip, at_com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
         f_E, f_C = (np.array([w.force for w in wrenches]) / (self.n * unit.force) for wrenches in (at_tip, at_com))
         tau = (np.array([w.torque for w in at_tip]) + np.array([w.torque for w in at_com])) / (self.n * unit.torque)
@@ -76,7 +76,7 @@ class AssembledProblem:
         self._levers = np.concatenate([np.zeros_like(levers), levers], axis=1).reshape(6 * self.K, 6)
         """Matrix from p'_E and p_COM to the torques of the required forces there."""
         weights = np.array([case.weight for case in task.load_cases])
-        self._weights = weights / (4 * self.n * weights.sum())
+        self._weights = weights / (task.rotor_count * weights.sum())
         self._terms = [
             Term(derived, formula.local_vectors, requirement.subjects.T, layout, requirement.margin)
             for requirement in requirements
@@ -93,24 +93,24 @@ class AssembledProblem:
 
     def _index(self, inertial: list[tuple[int, Term]]) -> None:
         """Find the patterns of the derivatives; `inertial` terms are subtracted from rows of the balances."""
-        n, K, g = self.n, self.K, self.g
+        K, g, moves = self.K, self.g, self.layout.rotor_moves > 0
+        rotors = len(moves)
         changing = np.concatenate([np.ones((6 * K, g), dtype=bool), *(term.changing for term in self._terms)])
         self.rows = len(changing)
         self._inertial_rows = np.array([row for row, term in inertial for _ in range(term.m)], dtype=np.intp)
         self._terms += (term for _, term in inertial)
         self._changing = changing.T
-        moves = self.layout.rotor_moves > 0
         self._mixed = np.flatnonzero(moves)
-        self._by_angles = np.nonzero(np.hstack([moves, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
+        self._by_angles = np.nonzero(np.hstack([moves, np.ones((rotors, 1), dtype=bool)]))[1] < self.n + 2
         """True for entries of a load case's inputs with angles; the others are on the diagonal."""
-        balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
-        clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
+        balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, rotors)] * K)
+        clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, rotors * K)
         by_inputs = ca.vertcat(balances_by_inputs, clearances_by_inputs)
         self.jacobian_pattern = ca.horzcat(_pattern(self._changing), by_inputs)
-        mixed = np.zeros((4 * n, g), dtype=bool)
-        mixed[:, : n + 2] = moves
-        inputs = ca.vertcat(ca.horzcat(*[_pattern(mixed)] * K), ca.Sparsity.diag(4 * n * K))
-        geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
+        mixed = np.zeros((rotors, g), dtype=bool)
+        mixed[:, : self.n + 2] = moves
+        inputs = ca.vertcat(ca.horzcat(*[_pattern(mixed)] * K), ca.Sparsity.diag(rotors * K))
+        geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(rotors * K, g))
         self.hessian_pattern = ca.horzcat(geometry, inputs)
         self._triangle = np.tril_indices(g)  # transposed: the upper triangle, column by column
 

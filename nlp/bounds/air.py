@@ -43,8 +43,8 @@ def refute_airspeed(task: ResolvedTask) -> Refutation | None:
     if rotor_distance is None:
         return None
     forces = least_force_norms(task)
-    k, n, R = int(np.argmax(forces)), task.n, task.module.body.rotor_radius
-    max_thrust = (largest_thrust(task) + tolerated_thrust(task)) / (4 * n)
+    k, R = int(np.argmax(forces)), task.module.body.rotor_radius
+    max_thrust = (largest_thrust(task) + tolerated_thrust(task)) / task.rotor_count
     force = float(forces[k]) - tolerated_force(task)
     induced = force / math.sqrt(max_thrust * 2 * task.air_density * math.pi * R**2)
     for e, region in enumerate(task.exposure):
@@ -75,4 +75,5 @@ def _farthest_rotor(task: ResolvedTask) -> float | None:
         mass_ratio = task.total_mass(n) / bodies_mass(task)
         q = mass_ratio * (math.hypot(*position) + TOLERANCE * module.arm_length) + centre_offset(task)
         distances.append(q + (n - 1) * module.connector_distance)
-    return min(distances) + module.arm_length * (1 + TOLERANCE) if distances else None
+    farthest = module.arm_length * float(module.rotor_table.distances.max())
+    return min(distances) + farthest * (1 + TOLERANCE) if distances else None

@@ -80,7 +80,7 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
     """
     task = lightest_task(task)
     idle_input = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
-    idle_effort = float(_weights(task).sum()) * 4 * task.n * idle_input * idle_input * (1 - BOUND.rounding)
+    idle_effort = float(_weights(task).sum()) * task.rotor_count * idle_input * idle_input * (1 - BOUND.rounding)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), idle_effort)
 
 
@@ -118,12 +118,12 @@ def bound_of(task: ResolvedTask, J: float) -> float:
 
 
 def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
-    """Return (trace Q^(1/2))^2 / (4 n k_f^2) <= J [rad^4/s^4].
+    """Return (trace Q^(1/2))^2 / (r n k_f^2) <= J [rad^4/s^4].
 
-    Torques, input limits and geometry are dropped. The thrust s_ik of module i in load case k is at best shared
-    equally by its four rotors, ||u_ik||^2 >= s_ik^2 / (4 k_f^2), and F_k = Z s_k with Z = [z_1 .. z_n]. For fixed Z
-    the least ||s_k||^2 is F_k^T M^+ F_k with M = Z Z^T, trace M = n. With Q = sum_k lambda_k F_k F_k^T, minimising
-    trace(M^+ Q) over all positive semidefinite M of trace n gives (trace Q^(1/2))^2 / n, at M ~ Q^(1/2).
+    Torques, input limits and geometry are dropped. With the axes of all N = r n rotors as columns of Z,
+    F_k = k_f Z u_k. For fixed Z the least ||u_k||^2 is F_k^T M^+ F_k / k_f^2 with M = Z Z^T, trace M = N. With
+    Q = sum_k lambda_k F_k F_k^T, minimising trace(M^+ Q) over all positive semidefinite M of trace N gives
+    (trace Q^(1/2))^2 / N, at M ~ Q^(1/2).
 
     Trace Q^(1/2) is the sum of the singular values of the rows sqrt(lambda_k) F_k. Errors of e in each row reduce
     it by at most sqrt(3 sum_k lambda_k) e: three singular values, whose squares sum to no more than those of the
@@ -140,16 +140,17 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     change = float(np.sum((U @ V) * np.sqrt(weights / largest_weight)[:, None] * rod_force_change(task) / scale))
     root_trace = max(0.0, float(sigma.sum()) - loss + min(0.0, change))
     thrust = root_trace * scale / task.module.thrust_coefficient
-    return thrust * thrust / (4 * task.n) * largest_weight
+    return thrust * thrust / task.rotor_count * largest_weight
 
 
 @lru_cache(maxsize=32)
 def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     """Return the best dual value of the search, as a bound on J [rad^4/s^4].
 
-    Four rotors at best share a thrust of s m g equally, ||u_ik||^2 >= 4 (s_ik u_hover)^2, and s_ik <= T because no
-    rotor exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares. If inputs may exceed their limits
-    by `accuracy`, a module's thrust exceeds [0, T] by d, which raises phi_k by at most d |t|, for t < 0.
+    The r rotors of a module at best share a thrust s m g equally, ||u_ik||^2 >= r (s_ik u_hover)^2, and s_ik <= T
+    as no rotor exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares. It holds for the
+    best of all axes, so that rotors with axes of their own do no better. If inputs may exceed their limits by
+    `accuracy`, a module's thrust exceeds [0, T] by d, which raises phi_k by at most d |t|, for t < 0.
     """
     result = _search(task)
     if result is None:
@@ -180,7 +181,7 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     mean = float(np.mean(weights / largest_weight))
     f, weights, T = f / scale, weights / largest_weight / mean, T / scale
     thrust = scale * unit.input
-    effort_scale = 4 * task.n * thrust * thrust * mean * largest_weight
+    effort_scale = task.rotor_count * thrust * thrust * mean * largest_weight
     largest = BOUND.max_multiplier * 2 * float(weights.max()) * T
     known_bound = closed_form(task) / effort_scale if 0 < effort_scale < math.inf else 0.0
     ratio = float(weights.min() / weights.max())

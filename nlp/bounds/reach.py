@@ -49,6 +49,7 @@ from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
+from topo_search.model.room import rotor_reach
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope, Shape, convex_hull
 
 
@@ -269,11 +270,12 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
 def refute_rotors(task: ResolvedTask) -> Refutation | None:
     """Refute two bolted modules whose rotors overlap across the hinge's axis at any angle.
 
-    The axis is l_c from both centres, the rotors extend from l_arm / sqrt 2 - r to l_arm / sqrt 2 + r. A rotor can
-    only be clear of the opposite one if it ends before the axis or begins beyond it.
+    The axis is l_c from both centres. The outermost rotor extends from `middle` - r to `middle` + r. If all ports
+    have one there and its mirror image, it can only be clear of the opposite one if it ends before the axis or
+    begins beyond it.
     """
     module = task.module
-    middle, r, l_c = module.arm_length / math.sqrt(2), module.body.rotor_radius, module.connector_distance
+    middle, r, l_c = rotor_reach(module), module.body.rotor_radius, module.connector_distance
     overlap = r - abs(middle - l_c)
     if task.n == 1 or task.body_clearance is None or overlap <= MIN_VIOLATION * (middle + r):
         return None

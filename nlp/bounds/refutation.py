@@ -26,13 +26,13 @@ class Refutation:
 
 
 def largest_thrust(task: ResolvedTask) -> float:
-    """Return the thrust of all rotors at their limit, 4 n k_f rho u_max [N]."""
-    return 4 * task.n * task.module.thrust_coefficient * task.max_input
+    """Return the thrust of all rotors at their limit, r n k_f rho u_max [N]."""
+    return task.rotor_count * task.module.thrust_coefficient * task.max_input
 
 
 def tolerated_thrust(task: ResolvedTask) -> float:
     """Return the audit's tolerance of the thrust of all rotors, beyond their limit and below zero [N]."""
-    return 4 * task.n * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
+    return task.rotor_count * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
 
 
 def tolerated_force(task: ResolvedTask) -> float:

@@ -80,7 +80,7 @@ FORCES = ForceProof()
 
 
 def refute_lift(task: ResolvedTask) -> Refutation | None:
-    """Refute a force beyond the thrust of all rotors, 4 n k_f rho u_max at any angles."""
+    """Refute a force beyond the thrust of all rotors, r n k_f rho u_max at any angles."""
     required = least_force_norms(task)
     k, max_thrust = int(np.argmax(required)), largest_thrust(task)
     if required[k] * (1 - FORCES.rounding) - tolerated_force(task) <= max_thrust + tolerated_thrust(task):
@@ -170,7 +170,7 @@ def _is_straight(topology: Topology) -> bool:
 def refute_failures(task: ResolvedTask) -> Refutation | None:
     """Refute hover with any one rotor dead, if the task requires it.
 
-    With one rotor dead all others produce at most (4 n - 1) k_f u_max; `peak_input` does not apply to them. One
+    With one rotor dead all others produce at most (r n - 1) k_f u_max; `peak_input` does not apply to them. One
     module has one thrust axis, about which only the drag of rotors has a torque. With rotor q dead that is balanced
     if the opposite rotor has half of the thrust, s = s' + s''; so the centre of mass is half an arm from the
     middle, towards that rotor. With that rotor dead instead, it would have to be equally far on the other side.
@@ -179,7 +179,7 @@ def refute_failures(task: ResolvedTask) -> Refutation | None:
         return None
     module, W, n = task.module, task.force_unit(task.n), task.n
     name = "hover, any rotor dead"
-    limit = (4 * n - 1) * module.thrust_coefficient * module.max_input(task.gravity)
+    limit = (task.rotor_count - 1) * module.thrust_coefficient * module.max_input(task.gravity)
     if limit * (1 + 2 * TOLERANCE) < W * (1 - 2 * TOLERANCE):
         weight_text, limit_text = excess_texts(W, limit)
         return Refutation(
@@ -220,8 +220,9 @@ def refute_torque(task: ResolvedTask, topology: Topology | None = None) -> Refut
     if task.heaviest_rod:  # its weight has a torque about any point, with an unknown lever
         return None
     n, module = task.n, task.module
+    l_arm = module.arm_length * float(module.rotor_table.distances.max())
     distances = n * (n**2 - 1) // 3 if topology is None else int(topology.distances.sum())
-    lever = 2 * module.connector_distance * distances / n**2 + centre_offset(task) + module.arm_length
+    lever = 2 * module.connector_distance * distances / n**2 + centre_offset(task) + l_arm
     limit = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
     required = [_least_torque(task, case) for case in task.load_cases]
     k = int(np.argmax(required))

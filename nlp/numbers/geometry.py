@@ -16,14 +16,15 @@ Hinge ranges are the clear folds of a task. A fold is a hinge angle with a sign 
 If a task has a set of angles, each one in a clear fold is a fold of zero width. A set has both signs of each angle,
 so it is the same for hinges and folds.
 
-Torque of a module's rotors:
+Force and torque of a module's rotors (`topo_search.model.rotors`):
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| delta_q | position of rotor q in the module's frame | (3,) | l_arm |
+| delta_q, a_q | position and axis of rotor q in the module's frame | (3,) each | l_arm, - |
+| s_q | its spin: 1 if it turns counter-clockwise seen against its thrust, else -1 | scalar | |
 | m_i | torque of module i about its centre, in its own frame | (3,) | l_arm m g |
 
-m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z), with u_iq in u_hover.
+m_i = sum_q (u_iq / r) (delta_q x a_q - s_q k_tau / (k_f l_arm) a_q), with r rotors and u_iq in u_hover.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import AirflowEnvelope, Module, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 
@@ -282,8 +283,12 @@ def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     return np.asarray(np.min(np.maximum(low - phi, phi - high), axis=0))
 
 
+def force_map(module: Module) -> Array:
+    """Return the matrix from the inputs of a module to its force in its own frame, shape (3, r)."""
+    return np.asarray(module.rotor_table.axes.T / module.rotor_table.count)
+
+
 def torque_map(module: Module) -> Array:
-    """Return the matrix from the inputs of a module to m_i, shape (3, 4)."""
+    """Return the matrix from the inputs of a module to m_i, shape (3, r)."""
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    x, y, _ = ROTOR_DIRECTIONS.T
-    return np.stack([y, -x, drag * ROTOR_SPINS]) / 4
+    return np.asarray(module.rotor_table.torques(drag).T / module.rotor_table.count)

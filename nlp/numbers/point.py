@@ -30,7 +30,7 @@ class Point:
     tip: Array
     """p'_E, shape (3,) [m]."""
     u: Array
-    """Squared rotor speeds, shape (K, n, 4) [rad^2/s^2]."""
+    """Squared rotor speeds, shape (K, n, r) [rad^2/s^2]."""
 
     @cached_property
     def poses(self) -> tuple[Array, Array]:
@@ -80,7 +80,7 @@ class Point:
         """Return the point of a dimensionless vector of `nlp.problem.Variables`."""
         n, K, unit = topology.n, len(task.load_cases), Units.of(task)
         root, alpha = x[:3], x[3 : n + 2]
-        u = x[-4 * n * K :].reshape(K, n, 4) * unit.input
+        u = x[-task.rotor_count * K :].reshape(K, n, -1) * unit.input
         free = task.end_effector.fixed_position is None
         tip = x[n + 2 : n + 5] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
         return cls(task, topology, root.copy(), alpha.copy(), tip, u)

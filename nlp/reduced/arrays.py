@@ -5,7 +5,7 @@ Dimensionless as in `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_
 | symbol | meaning | shape |
 |---|---|---|
 | N | number of unknowns: psi, alpha_0, alpha_1, hinges 1..n-1, p'_E unless the task fixes it from the COM | |
-| c_k | weight of the squared inputs of load case k in the objective, twice lambda_k / (4 n sum lambda) | (K,) |
+| c_k | weight of the squared inputs of load case k in the objective, twice lambda_k / (r n sum lambda) | (K,) |
 | f_k, t_k, f_E | force f_E + f_C, torque tau_E + tau_C, force at the end-effector | (K, 3) each |
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.air.search_rows import Speeds, speeds_of
-from nlp.numbers.geometry import torque_map
+from nlp.numbers.geometry import force_map, torque_map
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
@@ -57,8 +57,10 @@ class Rotors(NamedTuple):
     inertias: Array
     """Inertia about that centre in the module's frame, shape (n, 3, 3) [m l_arm^2]."""
     rod: RodMass
+    forces: Array
+    """Force of each rotor at unit input in its module's frame, shape (r, 3)."""
     torques: Array
-    """Torque of each rotor about its module's centre at unit input, shape (4, 3)."""
+    """Torque of each rotor about its module's centre at unit input, shape (r, 3)."""
     u_min: float
     u_max: float
 
@@ -160,6 +162,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         carried.centres.copy(),
         carried.inertias.copy(),
         carried.rod,
+        force_map(module).T.copy(),
         torque_map(module).T.copy(),
         task.min_thrust_to_weight,
         task.max_thrust_to_weight,
@@ -170,7 +173,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     return ReducedProblem(
         tree_of(topology),
         rotors,
-        _cases(task, n, unit),
+        _cases(task, unit),
         *_tabulate(list(rows(task, topology)), [] if speeds is None else speeds.lower),
         speeds,
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
@@ -181,7 +184,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     )
 
 
-def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
+def _cases(task: ResolvedTask, unit: Units) -> Cases:
     cases = task.load_cases
     at_tip, at_com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
     f_E, tau_E = (np.array([getattr(w, name) for w in at_tip]) for name in ("force", "torque"))
@@ -192,7 +195,7 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     # 20 of them are assumed to be active at a time
     share = 1e-4
     min_weight = share / min(20, max(1, int(np.count_nonzero(weights < share))))
-    effort = 2 * np.maximum(weights, min_weight) / (4 * n * weights.sum())
+    effort = 2 * np.maximum(weights, min_weight) / (task.rotor_count * weights.sum())
     dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors], dtype=np.int64)
     group = np.full(len(cases), -1, dtype=np.int64)
     if isinstance(task, CorneredTask):

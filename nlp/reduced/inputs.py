@@ -8,7 +8,7 @@ r"""Rotor inputs by duality: with the platform fixed, each load case is a small 
 
 | symbol | meaning | shape |
 |---|---|---|
-| A; a_j | wrench of the rotors about the COM over the platform's weight; its column for rotor j | (6, 4n); (6,) |
+| A; a_j | wrench of the rotors about the COM over the platform's weight; its column for rotor j | (6, r n); (6,) |
 | w | required wrench over the platform's weight | (6,) |
 | mu | dual unknowns, rho' (w - A u) at the maximum | (6,) |
 | rho | price of a squared residual | |
@@ -59,7 +59,7 @@ def effort(
         active: mask of active load cases, shape (K,).
         rho: price of a squared residual.
         mu: dual unknowns, shape (K, 6): the warm start, then the maximum.
-        u: output: the inputs, shape (K, 4n).
+        u: output: the inputs, shape (K, r n).
         gradient: increased by the gradient, shape (N,).
     """
     A, w, total, any_turn = rotor_wrenches(problem, pose), np.empty(6), 0.0, problem.cases.turn.any()
@@ -95,10 +95,10 @@ def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array
 @njit(cache=True, inner=True, allocates=False)
 def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> None:
     """Subtract the gradient of scale mu . A u by the modules' poses from F and T."""
-    by_force, by_torque = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5])
+    by_force, by_torque, rotors = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5]), len(A) // len(forces)
     for i in range(len(forces)):
         f = t = (0.0, 0.0, 0.0)
-        for j in range(4 * i, 4 * i + 4):
+        for j in range(rotors * i, rotors * (i + 1)):
             f, t = add(f, u[j], row(A, j)), add(t, u[j], row(A, j, 3))
         F, T = cross(f, by_torque), add(cross(f, by_force), 1.0, cross(t, by_torque))
         forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -scale, F)
@@ -216,17 +216,16 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
 
 @njit(cache=True, inner=True)
 def rotor_wrenches(problem: ReducedProblem, pose: ReducedPlatform) -> Array:
-    """Return the wrench of each rotor at unit input, A transposed, shape (4n, 6)."""
-    R, axes, centres, torques = pose.R, pose.z, pose.o, problem.rotors.torques
-    m = problem.rotors.bodies + problem.rotors.m_E
-    A = np.empty((4 * len(R), 6))
+    """Return the wrench of each rotor at unit input, A transposed, shape (r n, 6)."""
+    R, centres, forces, torques = pose.R, pose.o, problem.rotors.forces, problem.rotors.torques
+    m, rotors = problem.rotors.bodies + problem.rotors.m_E, len(forces)
+    A = np.empty((rotors * len(R), 6))
     for i in range(len(R)):
-        z = row(axes, i)
-        f = z[0] / 4 / m, z[1] / 4 / m, z[2] / 4 / m
-        lever = cross(row(centres, i), f)
-        for j in range(4 * i, 4 * i + 4):
-            A[j, 0], A[j, 1], A[j, 2] = f
-            A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, j - 4 * i)))
+        for q in range(rotors):
+            j, (x, y, z) = rotors * i + q, rotate(R, i, row(forces, q))
+            A[j, 0], A[j, 1], A[j, 2] = f = x / m, y / m, z / m
+            lever = cross(row(centres, i), f)
+            A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, q)))
     return A
 
 

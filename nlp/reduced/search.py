@@ -210,7 +210,14 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, mi
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     tip = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
-    return Point(task, topology, root, alpha, tip, u[minimum.active].reshape(-1, n, 4) * unit.input)
+    return Point(
+        task,
+        topology,
+        root,
+        alpha,
+        tip,
+        u[minimum.active].reshape(-1, n, task.module.rotor_table.count) * unit.input,
+    )
 
 
 def _descend(problem: ReducedProblem, descent: Descent, phase: DescentPhase) -> Descent:

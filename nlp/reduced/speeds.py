@@ -99,17 +99,17 @@ def _speed_rows(
         pose: the platform.
         rho: price of a squared residual.
         mu: dual unknowns of the load cases, shape (K, 6).
-        u: inputs of the load cases, shape (K, 4n).
+        u: inputs of the load cases, shape (K, r n).
         g: output: the rows, shape (m,).
         J: increased by the Jacobian, shape (m, N).
         is_near: output: mask of rows that have a gradient, shape (m,).
     """
-    rotors, n = problem.rotors, len(pose.p)
+    rotors, n, r = problem.rotors, len(pose.p), len(problem.rotors.forces)
     cases, first = air.case[-1] + 1, len(g) - len(air.case)
     points, jet, A = len(air.case) // cases, air.jet, rotor_wrenches(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
     x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
-    q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 4)), np.empty((0, 3))
+    q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, r)), np.empty((0, 3))
     p_E = pose.p_E
     offset = max(GAPS.min_distance, math.sqrt(p_E @ p_E))
     for point in range(points):  # one per region and module, the same in all load cases
@@ -131,24 +131,24 @@ def _speed_rows(
                 for b in range(3):
                     q[point, j, a] += pose.R[j, b, a] * (x[point, b] + p_E[b] - pose.o[j, b])
             find_factors(jet, q[point, j], ROUNDED, C[point, j], no_dC)
-    dC, has_slopes, weights = np.empty((points, n, 4, 3)), np.zeros(points, np.bool_), np.empty(4 * n)
-    free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
+    dC, has_slopes, weights = np.empty((points, n, r, 3)), np.zeros(points, np.bool_), np.empty(r * n)
+    free, slopes, no_slopes = np.empty(r * n, np.bool_), np.empty(3 + r), np.empty(0)
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
     for k in range(cases):
-        for j in range(4 * n):
+        for j in range(r * n):
             free[j] = rotors.u_min < u[k, j] < rotors.u_max
         factored = False
         for point in range(points):
-            r, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
+            row_number, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
             for j in range(n):
-                total += speed(jet, C[point, j], no_dC, u[k, 4 * j : 4 * j + 4], no_slopes)
-            g[r], by_total = -math.log(air.over[region] * total), 1 / total
-            is_near[r] = g[r] < ROWS.slow
-            if not is_near[r]:
+                total += speed(jet, C[point, j], no_dC, u[k, r * j : r * (j + 1)], no_slopes)
+            g[row_number], by_total = -math.log(air.over[region] * total), 1 / total
+            is_near[row_number] = g[row_number] < ROWS.slow
+            if not is_near[row_number]:
                 continue
             if not factored:
                 H[:] = problem.cases.weight[k] / (2 * rho) * np.eye(6)
-                for j in range(4 * n):
+                for j in range(r * n):
                     for a in range(6 if free[j] else 0):
                         for b in range(a + 1):
                             H[a, b] += A[j, a] * A[j, b]
@@ -158,17 +158,17 @@ def _speed_rows(
             factored = has_slopes[point] = True
             nu[:], X, from_com = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
             for j in range(n):
-                speed(jet, C[point, j], dC[point, j], u[k, 4 * j : 4 * j + 4], slopes)
+                speed(jet, C[point, j], dC[point, j], u[k, r * j : r * (j + 1)], slopes)
                 F = rotate(pose.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
                 X = add(X, -1.0, F)
                 forces[j, 0], forces[j, 1], forces[j, 2] = F
                 forces[j, 3], forces[j, 4], forces[j, 5] = cross(from_com, F)
-                for c in range(4):
-                    weights[4 * j + c] = by_total * slopes[3 + c] if free[4 * j + c] else 0.0
+                for c in range(r * j, r * (j + 1)):
+                    weights[c] = by_total * slopes[3 + c - r * j] if free[c] else 0.0
                     for a in range(6):
-                        nu[a] -= weights[4 * j + c] * A[4 * j + c, a]
+                        nu[a] -= weights[c] * A[c, a]
             solve_factored(H, nu, 6)
-            for j in range(4 * n):
+            for j in range(r * n):
                 for a in range(6 if free[j] else 0):
                     weights[j] += nu[a] * A[j, a]
             by_x = np.array(X) @ by_point[point]
@@ -184,7 +184,7 @@ def _speed_rows(
                 add_inertia_gradient(rotors, pose, by_J, forces, E)
             add_gradient(A, 1.0, nu, u[k], forces)
             add_gradient(A, 1.0, mu[k], weights, forces)
-            add_slopes(problem, pose, forces, E, J[r])
+            add_slopes(problem, pose, forces, E, J[row_number])
 
 
 @njit(cache=True, inner=True)
@@ -208,7 +208,8 @@ def _find_fastest_point(
         x: output: the point from p'_E, shape (3,).
         slopes: output: derivatives of x by p, by the module's axis and by the region's axis, shape (3, 9).
     """
-    q, C, u, best_speed, best_depth = np.empty(3), np.empty(4), np.ones(4), -1.0, 0.0
+    discs = len(jet.discs)
+    q, C, u, best_speed, best_depth = np.empty(3), np.empty(discs), np.ones(discs), -1.0, 0.0
     no_slopes, no_dC, no_input_slopes = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
     for depth in ROWS.depths:
         for a in range(3):

@@ -2,8 +2,8 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| A | wrench of every rotor at unit input, about W's origin | (6, 4n) | N, N m |
-| u | inputs of every load case | (K, n, 4) | rad^2/s^2 |
+| A | wrench of every rotor at unit input, about W's origin | (6, r n) | N, N m |
+| u | inputs of every load case, r rotors a module | (K, n, r) | rad^2/s^2 |
 | J | inertia about the COM, for corners that are angular accelerations | (3, 3) | kg m^2 |
 
 Reserves, cones and sets of wrenches are already load cases here (`topo_search.model.corners`).
@@ -19,7 +19,7 @@ from nlp.numbers.geometry import cross, ranges
 from nlp.numbers.masses import TINY, masses, point_inertia
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.arrays import Array
 
 WRENCH_TOLERANCE = 1e-8
 """Largest allowed wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
@@ -50,13 +50,13 @@ def wrench_residuals(point: Point) -> Array:
 
 
 def wrench_matrix(point: Point) -> Array:
-    """Return A: force [N] and torque about W's origin [N m] of every rotor at unit input, shape (6, 4n)."""
+    """Return A: force [N] and torque about W's origin [N m] of every rotor at unit input, shape (6, r n)."""
     module, (R, p) = point.task.module, point.poses
-    z = R[:, :, 2]
-    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * ROTOR_DIRECTIONS)
-    thrust_axis = np.broadcast_to(z[:, None], rotors.shape)
+    table = module.rotor_table
+    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * table.positions)
+    thrust_axis = np.einsum("iab,qb->iqa", R, table.axes)
     torque = module.thrust_coefficient * cross(rotors, thrust_axis)
-    torque += ROTOR_SPINS[:, None] * module.torque_coefficient * thrust_axis
+    torque += table.drags[:, None] * module.torque_coefficient * thrust_axis
     columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
     return columns.reshape(-1, 6).T
 
@@ -107,11 +107,11 @@ def variable_bounds(
 
 
 def running_rotors(task: ResolvedTask) -> Array:
-    """Return 1 for each rotor that runs in a load case and 0 for a dead one, shape (K, 4n).
+    """Return 1 for each rotor that runs in a load case and 0 for a dead one, shape (K, r n).
 
     The input limits of a rotor are multiplied by it, so a dead rotor is exempt from the minimum input.
     """
-    alive = np.ones((len(task.load_cases), 4 * task.n))
+    alive = np.ones((len(task.load_cases), task.rotor_count))
     for k, dead in enumerate(task.dead_rotors):
         if dead is not None:
             alive[k, dead] = 0.0

@@ -98,7 +98,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     upright, yaw = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if task.search.root == "free":
         yaw = rng.uniform(-np.pi, np.pi)
-    origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
+    origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
 
     def start_at(angle: float) -> Point:
         root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)

@@ -85,7 +85,7 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     positions = [from_subtree, p.mean(axis=0) + tip_source - p_source.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
         positions = [fixed_end_effector(task, topology, root, alpha)]
-    no_inputs = np.empty((len(task.load_cases), topology.n, 4))
+    no_inputs = np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
     points = [with_inputs(Point(task, topology, root, alpha, tip, no_inputs)) for tip in positions]
     return min(points, key=lambda point: worst(violations(point)).rank)
 

@@ -19,13 +19,13 @@ Wrenches of the rotors and of load cases:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| u_iq | squared speed of rotor q = 1..4 of module i | scalar | u_hover |
-| s_i | thrust of module i, sum_q u_iq / 4 | scalar | m g |
+| u_iq | squared speed of rotor q = 1..r of module i | scalar | u_hover |
+| F_i | force of module i, in its own frame, sum_q u_iq a_q / r | (3,) | m g |
 | m_i | torque of module i about its centre, in its own frame | (3,) | l_arm m g |
-| delta_q | rotor position in the module frame | (3,) | l_arm |
+| delta_q, a_q | position and axis of a rotor in the module frame | (3,) each | l_arm, - |
 
-The force is F = sum_i s_i z_i and the torque about the origin of W is tau_W = sum_i p_i x s_i z_i + R_i m_i with
-m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z).
+The force is F = sum_i R_i F_i and the torque about the origin of W is tau_W = sum_i p_i x R_i F_i + R_i m_i, with
+m_i as in `nlp.numbers.geometry`.
 
 Centre of mass, end-effector and inertia, dimensionless, in the notation of `nlp.numbers.masses`:
 
@@ -43,7 +43,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from nlp.numbers.geometry import QUARTER_TURNS, torque_map
+from nlp.numbers.geometry import QUARTER_TURNS, force_map, torque_map
 from nlp.numbers.masses import TINY, Masses, RigidBody, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
@@ -103,11 +103,12 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
 
 
 def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module: Module) -> ca.SX:
-    """Return the wrench of every rotor at unit input, shape (6, 4n), about the origin of positions [l_arm]."""
-    columns, torques = [], ca.DM(torque_map(module))
+    """Return the wrench of every rotor at unit input, shape (6, r n), about the origin of positions [l_arm]."""
+    columns, forces, torques = [], ca.DM(force_map(module)), ca.DM(torque_map(module))
     for R, p in zip(orientations, positions, strict=True):
-        z = R[:, 2] / 4
-        columns.append(ca.vertcat(ca.repmat(z, 1, 4), R @ torques + ca.repmat(ca.cross(p, z), 1, 4)))
+        turned = R @ forces
+        levers = [ca.cross(p, force) for force in ca.horzsplit(turned)]
+        columns.append(ca.vertcat(turned, R @ torques + ca.horzcat(*levers)))
     return ca.horzcat(*columns)
 
 

@@ -6,7 +6,7 @@ different ones refute it.
 
 | symbol | meaning | shape |
 |---|---|---|
-| R_i, o_i, p_E, u_i | poses, end-effector and inputs in one numbering | (3,3), (3,), (3,), (4,) |
+| R_i, o_i, p_E, u_i | poses, end-effector and inputs in one numbering | (3,3), (3,), (3,), (r,) |
 | t_i | quarter turns from a module's axes to its axes in another numbering | |
 | O, M | mirror of the world; mirror of a module, which swaps the ports +y and -y | (3, 3) |
 
@@ -174,7 +174,7 @@ class _Numbering:
         """Return a random platform; all load cases have the same inputs, since a mirror may swap cases."""
         n, l_c = topology.n, task.module.connector_distance
         R, p = poses(topology, root_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1.0, 1.0, n - 1), l_c)
-        u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, 4))
+        u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, task.module.rotor_table.count))
         return cls(task, topology, R, p - p.mean(axis=0), rng.normal(size=3), u)
 
     def renumber(self, root: int, turns: int) -> _Numbering:
@@ -198,8 +198,10 @@ class _Numbering:
             source_index[i], shift[i] = source, (b_source - b) % 4
             t[i] = shift[i]
         modules = [order[source_index[i]] for i in range(topology.n)]
-        R = np.array([self.R[m] @ rotation([0, 0, 1], t[i] * np.pi / 2) for i, m in enumerate(modules)])
-        u = np.array([np.roll(self.u[m], t[i]) for i, m in enumerate(modules)])
+        turned = [rotation([0, 0, 1], t[i] * np.pi / 2) for i in range(len(modules))]
+        R = np.array([self.R[m] @ turn for m, turn in zip(modules, turned, strict=True)])
+        rotors = self.task.module.rotor_table
+        u = np.array([self.u[m][rotors.images(turn)] for m, turn in zip(modules, turned, strict=True)])
         return _Numbering(self.task, topology, R, self.o[modules], self.p_E, u)
 
     def mirror(self, O: Array) -> _Numbering:
@@ -207,8 +209,11 @@ class _Numbering:
         swap = (0, 3, 2, 1)
         joints = [(h, swap[a] if h >= 0 else a, swap[b] if h >= 0 else b) for h, a, b in self.topology.joints]
         unsorted = Topology(tuple(joints))
-        R = np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR)
-        image = _Numbering(self.task, unsorted, R, self.o @ O.T, O @ self.p_E, self.u[:, [3, 2, 1, 0]])
+        R, u = (
+            np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR),
+            self.u[:, self.task.module.rotor_table.images(MIRROR)],
+        )
+        image = _Numbering(self.task, unsorted, R, self.o @ O.T, O @ self.p_E, u)
         return image.renumber(0, 0)
 
     def platform(self) -> SymbolicPlatform:

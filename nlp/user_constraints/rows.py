@@ -141,7 +141,7 @@ class UserRows:
     def draw(self, rng: np.random.Generator) -> Array:
         """Return random unknowns of any magnitude: angles, p'_E within the reach of all modules, and inputs."""
         n, unit = self.topology.n, Units.of(self.task)
-        first = self.x.numel() - 4 * n * len(self.task.load_cases)
+        first = self.x.numel() - self.task.rotor_count * len(self.task.load_cases)
         largest = np.full(self.x.numel(), 2.0)  # inputs: twice the hover input
         largest[: n + 2] = math.pi / 2
         largest[n + 2 : first] = 2 * n * self.task.module.connector_distance / unit.length

@@ -124,7 +124,7 @@ def _near_ties(size: SizeAnswer) -> Iterator[str]:
     if size.best is None or len(size.near_ties) < 2:
         return
     yield f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve in hover first:"
-    yield from _table(NEAR_TIES, [near_tie_cells(row, size.best) for row in size.near_ties])
+    yield from _table(NEAR_TIES, [near_tie_cells(row, size.best, size.rotors) for row in size.near_ties])
     if size.near_ties_unaudited:
         yield f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}"
 

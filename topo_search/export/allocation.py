@@ -50,7 +50,7 @@ import numpy as np
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
-from topo_search.model.arrays import ROTOR_SPINS, Array
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
 from topo_search.model.text import csv_text
@@ -162,7 +162,8 @@ def allocation(design: Design) -> Allocation:
     """Return the allocation data of a design."""
     task, module, poses, n = design.task, design.task.module, platform(design), design.topology.n
     k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
-    o, z, s = poses.rotors.reshape(-1, 3), np.repeat(poses.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
+    o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
+    drags = np.tile(module.rotor_table.drags, n)
     B_T = thrust_matrix(module, poses)
     inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
     J = inertia(design, platform(design))
@@ -172,17 +173,17 @@ def allocation(design: Design) -> Allocation:
     u_max = module.max_input(task.gravity)
     rotors = [
         Rotor(
-            name=f"module_{j // 4}_rotor_{j % 4}",
-            module=j // 4,
-            rotor=j % 4,
+            name=f"module_{i}_rotor_{q}",
+            module=i,
+            rotor=q,
             position_m=o[j].tolist(),
-            axis=z[j].tolist(),
-            spin=-1 if s[j] > 0 else 1,
+            axis=a[j].tolist(),
+            spin=-1 if drags[j] > 0 else 1,
             thrust_coefficient=k_f,
             torque_coefficient=k_tau,
             largest_thrust_N=k_f * u_max,
         )
-        for j in range(4 * n)
+        for j, (i, q) in enumerate(np.ndindex(poses.rotors.shape[:2]))
     ]
     hover = Hover(B_T, k_f * u_max, module.min_input, task.force_unit(n), module.arm_length)
     return Allocation(
@@ -204,10 +205,10 @@ def allocation(design: Design) -> Allocation:
 
 
 def thrust_matrix(module: Module, poses: Platform) -> Array:
-    """Return B_T, shape (6, 4n) [N and N m per N]."""
-    o, z = poses.rotors.reshape(-1, 3), np.repeat(poses.z, 4, axis=0)
-    drag = np.tile(ROTOR_SPINS, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
-    return np.concatenate([z, np.cross(o, z) + drag[:, None] * z], axis=1).T
+    """Return B_T, shape (6, r n) [N and N m per N]."""
+    o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
+    drag = np.tile(module.rotor_table.drags, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
+    return np.concatenate([a, np.cross(o, a) + drag[:, None] * a], axis=1).T
 
 
 def allocator_file(design: Design, platform_data: Allocation) -> str:

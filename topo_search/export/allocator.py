@@ -12,8 +12,8 @@ r"""Rotor thrusts for a desired wrench: bounded least squares for one platform, 
 | S | `SCALE`: weight of a missing newton or newton metre | (6,) | 1/N, 1/(N m) |
 
 Axes are those of the platform, in level flight those of the task: x forward, y left, z up. (PX4 has y right and z
-down: flip the signs of y and z of force and torque.) Rotors count from 0 as in `rotors.csv`: rotor q of module i is
-column 4 i + q. PX4's motors count from 1.
+down: flip the signs of y and z of force and torque.) Columns are in the order of `rotors.csv`, with the names in
+`NAMES`; they count from 0, PX4's motors from 1.
 
     from allocator import LARGEST, WEIGHT, allocate
 

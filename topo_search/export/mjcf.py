@@ -41,8 +41,8 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, RodPose, mass_of, rod_of
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS
+from topo_search.export.poses import RodPose, arms, mass_of, rod_of
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.design import Design
 from topo_search.model.end_effector import TIP
 from topo_search.model.exposure import segment_of
@@ -252,9 +252,11 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         add_tip(end_effector, design, rod, on_solid=starts_on_solid)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     actuator = SubElement(model, "actuator")
-    for i, q in itertools.product(range(design.topology.n), range(4)):  # module-major like the inputs
+    drags = module.rotor_table.drags.tolist()
+    # module-major like the inputs
+    for i, (q, drag) in itertools.product(range(design.topology.n), enumerate(drags)):
         rotor = f"module_{i}_rotor_{q}"
-        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": rotor, "site": rotor})
+        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(drag)], "name": rotor, "site": rotor})
     keyframe = SubElement(model, "keyframe")
     for k, u_k in enumerate(design.inputs):  # at rest, with thrusts that have reached their controls
         thrusts = numbers(*module.thrust_coefficient * u_k.ravel())
@@ -321,11 +323,10 @@ def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) 
         SubElement(body, "geom", {"class": "hub"})
     for k in range(len(frame or ())):
         SubElement(body, "geom", {"class": "frame", "mesh": f"frame_{k}"})
-    for q, angle in enumerate(ROTOR_ANGLES):
-        x, y = module.arm_length * math.cos(angle), module.arm_length * math.sin(angle)
-        arm = {"class": "arm", "pos": numbers(x / 2, y / 2, 0), "euler": numbers(angle, 0, 0)}
+    for q, arm in enumerate(arms(module)):
+        middle = {"pos": numbers(*arm.end / 2), "euler": numbers(arm.azimuth, 0, 0 - arm.elevation)}
         if frame is None:
-            SubElement(body, "geom", arm)
-        SubElement(body, "geom", {"class": "rotor", "pos": numbers(x, y, 0)})
-        SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(x, y, 0))
+            SubElement(body, "geom", {"class": "arm", **middle})
+        SubElement(body, "geom", {"class": "rotor", "pos": numbers(*arm.end)})
+        SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(*arm.end))
     return body

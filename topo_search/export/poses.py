@@ -17,18 +17,46 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from topo_search.limits import vector
-from topo_search.model import BadInput, Design, Fault, ResolvedTask
+from topo_search.model import BadInput, Design, Fault, Module, ResolvedTask
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.shape import Shape
-from verify.kinematics import Platform, platform
+from verify.kinematics import Platform, platform, rotation
 
-ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
-"""Azimuth of rotor q = 0..3 from the module's centre [rad]; X layout."""
+
+class Arm(NamedTuple):
+    """An arm of a module, from the centre to a rotor, in the module's frame."""
+
+    azimuth: float
+    """Angle from the x axis about z [rad]."""
+    elevation: float
+    """Angle above the module's plane [rad]."""
+    length: float
+    """[m]"""
+
+    @property
+    def R(self) -> Array:
+        """Rotation of the x axis along the arm, (3, 3)."""
+        return rotation(2, self.azimuth) @ rotation(1, -self.elevation)
+
+    @property
+    def end(self) -> Array:
+        """Centre of the rotor, (3,) [m]."""
+        out = math.cos(self.elevation)
+        x, y = out * math.cos(self.azimuth), out * math.sin(self.azimuth)
+        return self.length * np.array([x, y, math.sin(self.elevation)])
+
+
+def arms(module: Module) -> list[Arm]:
+    """Return the arms of a module, in the order of its rotors."""
+    lengths = (module.arm_length * module.rotor_table.distances).tolist()
+    bearings = zip(module.rotor_table.bearings, lengths, strict=True)
+    return [Arm(azimuth, elevation, length) for (azimuth, elevation), length in bearings]
 
 
 def load_wrenches(design: Design, poses: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:

@@ -15,12 +15,13 @@ from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
 from topo_search.export.html_page import html_page
-from topo_search.export.poses import ROTOR_ANGLES, axis_words, rod_of
+from topo_search.export.poses import axis_words, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.html import paragraph, table
 from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of
+from topo_search.model.module import Module
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text
 from topo_search.model.topology import PORT_NAMES
@@ -55,7 +56,7 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
     lines = [
         *(paragraph(text) for text in notes),
         "<h2>Convention</h2>",
-        f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
+        f'<section class="convention">{ports(design.task.module)}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are rounded to {10**-DIGITS:g} deg. {_faces(design)}"),
         *(strut_section(design, part) for part in solids if part.name == "strut"),
         "<h2>Parts</h2>",
@@ -137,14 +138,15 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{:.6g} {:.6g} {:.6g} {:.6g}" role="img" aria-label="{}">'
 
 
-def ports() -> str:
+def ports(module: Module) -> str:
     """Return a top view of a module with its axes, ports and rotors, as SVG."""
     svg = [HEAD.format(-80, -80, 160, 160, "a module from above: ports and rotors")]
-    for q, angle in enumerate(ROTOR_ANGLES):
-        x, y = 36 * math.cos(angle), -36 * math.sin(angle)
+    rotors = module.rotor_table
+    scale = 36 / rotors.distances.max()
+    for q, ((x, y, _), drag) in enumerate(zip(scale * rotors.positions * [1, -1, 1], rotors.drags, strict=True)):
         svg.append(f'<line x1="0" y1="0" x2="{x:.2f}" y2="{y:.2f}" stroke="#666" stroke-width="3"/>')
         svg.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="18" fill="{palette.ROTOR}" fill-opacity="0.25"/>')
-        turn = "CCW" if q % 2 == 0 else "CW"
+        turn = "CCW" if drag < 0 else "CW"
         svg.append(_text(x, y + 2, f"rotor {q}", 6))
         svg.append(_text(x, y + 9, turn, 6))
     for number, (x, y, _) in enumerate(PORT_DIRECTIONS.tolist()):

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, cone_slant, rod_of, shapes
-from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
+from topo_search.export.poses import arms, cone_slant, rod_of, shapes
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import SIDES, Mesh, cone_sphere, revolve
 from topo_search.model.module import Module
@@ -127,22 +127,34 @@ def _linear(s: float) -> float:
     return float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
 
 
+SAME_PLACE = 1e-9
+"""Distance below which two points are one [l_arm]."""
+
+
 def frame(module: Module) -> Mesh:
     """Return hub and arms, or the module's own frame, as closed shells that may intersect.
 
     Opposite arms are one bar: shells that share vertices would no longer be closed once vertices are merged.
     """
-    l_arm, w = module.arm_length, module.body.arm_width
+    w = module.body.arm_width
     if module.body.frame is not None:
         return join([Mesh(np.array(piece.vertices), np.array(piece.triangles)) for piece in module.body.frame])
-    bars = [box((2 * l_arm, w, w)).move(rotation(2, angle), np.zeros(3)) for angle in ROTOR_ANGLES[:2]]
+    bars, positions = list[Mesh](), module.rotor_table.positions
+    for q, arm in enumerate(arms(module)):
+        opposite = np.flatnonzero(np.linalg.norm(positions + positions[q], axis=1) < SAME_PLACE)
+        if not len(opposite):
+            bars.append(box((arm.length, w, w)).move(arm.R, arm.end / 2))
+        elif q < opposite[0]:
+            bars.append(box((2 * arm.length, w, w)).move(arm.R, np.zeros(3)))
     return join([box(module.body.hub), *bars])
 
 
 def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
     """Return the rotor discs in the module frame."""
     disc = cylinder(module.body.rotor_radius, module.body.rotor_height, sides)
-    return [disc.move(np.eye(3), hub) for hub in module.arm_length * ROTOR_DIRECTIONS]
+    rotors = module.rotor_table
+    hubs = zip(rotors.orientations(), module.arm_length * rotors.positions, strict=True)
+    return [disc.move(turn, hub) for turn, hub in hubs]
 
 
 def airflow(module: Module, *, sides: int = SIDES) -> Mesh:

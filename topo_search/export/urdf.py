@@ -24,7 +24,7 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.mjcf import SPIN, numbers, rgba, xml_text
-from topo_search.export.poses import ROTOR_ANGLES, mass_of, rod_of
+from topo_search.export.poses import arms, mass_of, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import rotation_to
@@ -53,10 +53,10 @@ def urdf(design: Design) -> str:
     for i in range(design.topology.n):
         R = F[i].T @ poses.R[i]
         _module_link(robot, i, R, module)
-        for q, angle in enumerate(ROTOR_ANGLES):
+        for q, (arm, turn) in enumerate(zip(arms(module), module.rotor_table.orientations(), strict=True)):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
-            _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
+            _joint(robot, f"module_{i}", rotor, R @ arm.end, R @ turn)
     for h, i, a, _ in design.topology.edges():
         _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (poses.p[i] - poses.p[h]), F[h].T @ F[i])
         if module.joint_mass:
@@ -91,23 +91,19 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     """Add the link of module i; R is the module's orientation in the link's frame."""
     link = SubElement(robot, "link", name=f"module_{i}")
     _inertial(link, module.mass, R @ np.diag(module.inertia) @ R.T)
-    body, l_arm = module.body, module.arm_length
-    arm = "box", {"size": numbers(l_arm, body.arm_width, body.arm_width)}
+    body = module.body
     rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
-    for angle in ROTOR_ANGLES:
-        _shape(link, arm, R @ _point_towards(angle, l_arm / 2), R @ rotation(2, angle), "arm")
-        _shape(link, rotor, R @ _point_towards(angle, l_arm), R, "rotor")
+    for arm, turn in zip(arms(module), module.rotor_table.orientations(), strict=True):
+        bar = "box", {"size": numbers(arm.length, body.arm_width, body.arm_width)}
+        _shape(link, bar, R @ (arm.end / 2), R @ arm.R, "arm")
+        _shape(link, rotor, R @ arm.end, R @ turn, "rotor")
 
 
 def _point(robot: Element, name: str, mass: float) -> Element:
     link = SubElement(robot, "link", name=name)
     _inertial(link, mass, (SPIN if mass else 0.0) * np.eye(3))
     return link
-
-
-def _point_towards(angle: float, length: float) -> Array:
-    return length * np.array([math.cos(angle), math.sin(angle), 0.0])
 
 
 def _inertial(link: Element, mass: float, tensor: Array) -> None:

@@ -241,7 +241,7 @@ class Design(Geometry):
     """
 
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
-    """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
+    """u_k: a value per rotor in each load case, module-major [rad^2/s^2]."""
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
     """True if the audit computed the inputs, for a geometry without any."""
     objective: Number
@@ -278,12 +278,15 @@ class Design(Geometry):
         yield "rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)
         for k, u_k in enumerate(self.rotor_speeds_squared):
             field = "rotor_speeds_squared", k
-            yield field, "must have four values per module", 4 * self.topology.n, len(u_k)
+            rotors = self.topology.n * self.task.module.rotor_table.count
+            yield field, "must have one value per rotor", rotors, len(u_k)
 
     @property
     def inputs(self) -> Array:
-        """u as a read-only array, shape (K, n, 4) [rad^2/s^2]."""
-        return read_only(np.asarray(self.rotor_speeds_squared).reshape(-1, self.topology.n, 4))
+        """u as a read-only array, shape (K, n, r) [rad^2/s^2]."""
+        return read_only(
+            np.asarray(self.rotor_speeds_squared).reshape(len(self.task.load_cases), self.topology.n, -1)
+        )
 
     _repr_html_ = design_html
 

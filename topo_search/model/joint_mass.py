@@ -36,7 +36,9 @@ def joint_mass(module: Module) -> float:
 
 def strut_width(module: Module) -> float:
     """Return half the width of a strut's cross [m]; 0 where rotors, or a custom frame, leave no room for struts."""
-    room = module.arm_length / math.sqrt(2) - module.body.rotor_radius - DISC_CLEARANCE
+    radius, l_arm, rotors = module.body.rotor_radius, module.arm_length, module.rotor_table
+    ahead = l_arm * rotors.along_ports > -radius
+    room = float((l_arm * rotors.across_ports)[ahead].min(initial=math.inf)) - radius - DISC_CLEARANCE
     half_width = module.bracket_sizes.half_width
     if module.body.frame is not None or room <= half_width:
         return 0.0

@@ -7,7 +7,7 @@ r"""The module: its mass, rotors, connectors, airflow envelope and real body.
 | l_c | connector_distance | m |
 | k_f | thrust_coefficient | N s^2 |
 | k_tau | torque_coefficient | N m s^2 |
-| u_max | max_thrust_to_weight m g / (4 k_f), or max_thrust / k_f | rad^2/s^2 |
+| u_max | max_thrust_to_weight m g / (r k_f) with r rotors, or max_thrust / k_f | rad^2/s^2 |
 
 Defaults are this project's choice; k_f is from arXiv 2602.18344. The k_tau reported there, 1.06e-8, which the
 paper's tasks use, gives rotors of 50 mm radius a figure of merit of 0.165; the default gives 0.566.
@@ -39,6 +39,7 @@ from pydantic import Field, model_validator
 from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, RegionAirflow, Thrust
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
+from topo_search.model.rotors import RotorTable, x_quadrotor
 from topo_search.model.value import Broken, Location, NonNegative, Omitted, Positive, Value, omit_if
 
 AIR_DENSITY = 1.2
@@ -48,7 +49,7 @@ PRECISION = 1e-3
 
 
 class Module(Value):
-    """Quadrotor module with four connectors."""
+    """Module with rotors and four connectors."""
 
     mass: Positive = 0.24
     """m [kg]."""
@@ -158,9 +159,18 @@ class Module(Value):
         regions = self.region_airflow
         return self.envelope if regions is None else AirflowEnvelope.of(*regions)
 
+    @property
+    def rotor_table(self) -> RotorTable:
+        """The module's rotors."""
+        return x_quadrotor()
+
     def hover_input(self, gravity: float) -> float:
-        """Return the squared rotor speed at which the module carries its own weight [rad^2/s^2]."""
-        return self.mass * gravity / (4 * self.thrust_coefficient)
+        """Return the squared rotor speed at which thrusts add up to the module's weight [rad^2/s^2]."""
+        return self.mass * gravity / (self.rotor_table.count * self.thrust_coefficient)
+
+    def thrust_to_weight(self, thrust: float, gravity: float) -> float:
+        """Return the thrust of the module over its weight, if every rotor has a given thrust [N]."""
+        return self.rotor_table.count * thrust / (self.mass * gravity)
 
     def thrust_over_weight(self, at: Thrust) -> float:
         """Return the thrust over the module's weight for `hover`, `full` or a number."""
@@ -227,16 +237,16 @@ class Module(Value):
 
 
 def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:
-    """Return the diagonal inertia of hub, four arms (each from the centre to a rotor) and four rotor discs.
+    """Return the diagonal inertia of hub, arms (each from the centre to a rotor) and rotor discs.
 
     All parts have the same density, such that their mass is the module's; overlaps count twice. By the fourfold
     symmetry of arms and rotors only the hub can make Ixx and Iyy differ.
     """
-    body, l_arm = module.body, module.arm_length
+    body, l_arm, rotors = module.body, module.arm_length, module.rotor_table.count
     hx, hy, hz = body.hub
     w = body.arm_width
     r, h = body.rotor_radius, body.rotor_height
-    volumes = (hx * hy * hz, 4 * l_arm * w * w, 4 * math.pi * r * r * h)
+    volumes = (hx * hy * hz, rotors * l_arm * w * w, rotors * math.pi * r * r * h)
     m_hub, m_arms, m_rotors = (module.mass * volume / sum(volumes) for volume in volumes)
     arms_across = m_arms * (w * w / 12 + l_arm * l_arm / 3)  # about an axis through the centre, across the arm
     arms_along = m_arms * w * w / 6

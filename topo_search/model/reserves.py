@@ -44,6 +44,7 @@ from topo_search.model.value import (
 )
 
 if TYPE_CHECKING:
+    from topo_search.model.module import Module
     from topo_search.model.task import ResolvedTask, Task
 
 AUDIT_TOLERANCE = 5 * TOLERANCE
@@ -157,8 +158,8 @@ class AskedFlight(Value):
         radii = {name: getattr(self, name) for name in names}
         return self.model_copy(update={name: r * ratio for name, r in radii.items() if r is not None})
 
-    def broken_reserves(self, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
-        """Yield the rules that reserves break, given the number of load cases and corners, and n modules."""
+    def broken_reserves(self, cases: int, rotors: int, force_unit: float, torque_unit: float) -> Broken:
+        """Yield the rules that reserves break, given the numbers of load cases with corners, and of rotors."""
         for field, r, unit in (
             ("force_reserve", self.force_reserve, force_unit),
             ("torque_reserve", self.torque_reserve, torque_unit),
@@ -176,7 +177,7 @@ class AskedFlight(Value):
         if wrenches and (number := cases + wrenches) > LIMITS.load_cases:
             rule = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases"
             yield ("flight",), f"{rule}, but got up to {number:,}"
-        failures = 4 * n * len(circumscribe(disc=False)) * (1 + cases * (self.rotor_out == "all"))
+        failures = rotors * len(circumscribe(disc=False)) * (1 + cases * (self.rotor_out == "all"))
         if self.rotor_out != "none" and failures > LIMITS.failures:
             rule = f"must ask for at most {LIMITS.failures:,} wrenches with a rotor dead"
             yield ("flight", "rotor_out"), f"{rule}, but got up to {failures:,}"
@@ -228,9 +229,10 @@ def box_corners(half: float) -> Array:
     return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
-def rotor_name(rotor: int) -> str:
+def rotor_name(rotor: int, module: Module) -> str:
     """Return the name of a rotor, given its number in module-major order."""
-    return f"rotor {rotor % 4} of module {rotor // 4}"
+    i, q = divmod(rotor, module.rotor_table.count)
+    return f"rotor {q} of module {i}"
 
 
 def circumscribe(*, disc: bool) -> Array:
@@ -304,8 +306,8 @@ def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Cor
         return groups
     torques = (0.0 if inner else flight.rotor_out_torque or 0.0) * circumscribe(disc=False)
     for _, label, case in weight_cases(task, flight.rotor_out):
-        for rotor in range(4 * task.n):
-            words = f"{label}, {rotor_name(rotor)} dead"
+        for rotor in range(task.rotor_count):
+            words = f"{label}, {rotor_name(rotor, task.module)} dead"
             corners = [Corner(words, case)]
             if torques.any():
                 corners = _corners(f"{words}, torque", case, "torque", torques)

@@ -15,7 +15,7 @@ a rotor and a frame it is conservative, because this view drops one dimension.
 | symbol | meaning | unit |
 |---|---|---|
 | x, z | coordinates of a point in the module's frame, x towards the port | m |
-| d | smallest distance of the rotors from the hinge axis, l_c - l_arm / sqrt 2 - rotor radius | m |
+| d | smallest distance of the rotors from the hinge axis, at any port | m |
 | beta_r | largest elevation of rotors above the line to the centre, seen from the axis | rad |
 | beta | the same for all parts beyond d | rad |
 
@@ -67,15 +67,16 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, islice
+from itertools import combinations, islice, product
 from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array, read_only
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
 from topo_search.model.folds import LENGTH_ROUNDING, Folds, join
 from topo_search.model.module import Module
+from topo_search.model.rotors import UP
 
 LARGE = 4.0
 """Largest usual length at the end-effector, such as its rod or stand-off [packed widths]."""
@@ -94,9 +95,11 @@ def packed_width(module: Module, n: int) -> float:
 
 def body_radius(module: Module) -> float:
     """Return rho, the radius of the ball around the module's centre that contains all rigid parts [m]."""
-    body = module.body
-    rim = math.hypot(module.arm_length + body.rotor_radius, body.rotor_height / 2)
-    return max(rim, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
+    body, rotors = module.body, module.rotor_table
+    lengths, heights = module.arm_length * rotors.distances, module.arm_length * rotors.heights
+    across = np.sqrt(np.maximum(0.0, lengths**2 - heights**2)) + body.rotor_radius
+    rims = map(math.hypot, across, np.abs(heights) + body.rotor_height / 2)
+    return max(*rims, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
 
 
 def frame_reach(module: Module) -> float:
@@ -119,9 +122,15 @@ def bracket_obstacle(module: Module) -> str | None:
         return "the centre"
     if math.hypot(x, max(0.0, depth - r)) < air.start_radius + growth * depth:
         return "the airflow"
-    rotor = module.arm_length / math.sqrt(2)
-    beside = max(x - rotor, 0.0), max(rotor - r, 0.0)
-    return "the rotors" if math.hypot(*beside) < module.body.rotor_radius else None
+    l_arm, rotors = module.arm_length, module.rotor_table
+    beyond = np.maximum(x - l_arm * rotors.along_ports, 0.0)
+    beside = np.maximum(l_arm * rotors.across_ports - r, 0.0)
+    return "the rotors" if np.hypot(beyond, beside).min() < module.body.rotor_radius else None
+
+
+def rotor_reach(module: Module) -> float:
+    """Return the largest distance of a rotor's centre from the module's, towards any port [m]."""
+    return float(module.arm_length * module.rotor_table.along_ports.max())
 
 
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
@@ -135,7 +144,7 @@ def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
         margin: required clearance of the rotors from other parts [m].
     """
     body = module.body
-    d = module.connector_distance - module.arm_length / math.sqrt(2) - body.rotor_radius - margin
+    d = module.connector_distance - rotor_reach(module) - body.rotor_radius - margin
     rotor = math.atan2(body.rotor_height / 2 + margin, d)
     return min(math.pi / 2, math.pi - rotor - max(rotor, _elevation(module, max(d, 0.0))))
 
@@ -269,22 +278,29 @@ def _clear_intervals(
 def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
     """Return all pairs of a rotor of one module and a part of the other, for each of its ports at the hinge.
 
-    Rotors look the same from every port, and by symmetry one module's rotors suffice.
+    Seen from the other module the fold is the same, so one module's rotors suffice.
     """
-    body, l_c, a = module.body, module.connector_distance, module.arm_length / math.sqrt(2)
-    half_height = body.rotor_height / 2
-    discs = [np.array([[x, y, -half_height], [x, y, half_height]]) for x in (-a, a) for y in (-a, a)]
-    offset, half_turn = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
-    rotors = [_Part(disc - offset, body.rotor_radius) for disc in discs]
-    parts = [_Part(disc + offset, body.rotor_radius) for disc in discs]
-    frames: dict[bytes, Array] = {}  # without duplicates: arms look the same from every port
-    for x, y, _ in PORT_DIRECTIONS:
-        to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
-        for corners in frame_pieces(module):
-            seen = corners @ (half_turn @ to_port).T + offset
-            frames[np.unique(np.round(seen / l_c, 9) + 0.0, axis=0).tobytes()] = seen
-    parts += [_Part(seen) for seen in frames.values()]
-    return [(rotor, part) for rotor in rotors for part in parts]
+    rotors, half_turn = _from_ports(module, _rotor_ends(module)), np.diag([-1.0, -1.0, 1.0])
+    radius, offset = module.body.rotor_radius, np.array([module.connector_distance, 0.0, 0.0])
+    parts = [_Part(ends @ half_turn + offset, radius) for ends in rotors]
+    parts += [_Part(corners @ half_turn + offset) for corners in _from_ports(module, frame_pieces(module))]
+    return [(_Part(ends - offset, radius), part) for ends in rotors for part in parts]
+
+
+def _rotor_ends(module: Module) -> list[Array]:
+    """Return the centres of the faces of each rotor disc, shape (2, 3) [m]."""
+    rotors, half_height = module.rotor_table, module.body.rotor_height / 2
+    centres = module.arm_length * rotors.positions
+    return list(np.stack([centres - half_height * rotors.axes, centres + half_height * rotors.axes], axis=1))
+
+
+def _from_ports(module: Module, parts: list[Array]) -> list[Array]:
+    """Return the corners of parts with each port in turn along x, without duplicates."""
+    seen: dict[bytes, Array] = {}
+    for (x, y, _), corners in product(PORT_DIRECTIONS, parts):
+        turned = corners @ np.array([[x, -y, 0.0], [y, x, 0.0], [0.0, 0.0, 1.0]])
+        seen[np.unique(np.round(turned / module.connector_distance, 9) + 0.0, axis=0).tobytes()] = turned
+    return list(seen.values())
 
 
 def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
@@ -341,8 +357,6 @@ def _evenly(m: int) -> Array:
 DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
 """Initial directions for the search for a separating direction."""
 
-UP = np.array([0.0, 0.0, 1.0])
-
 
 class Balls(NamedTuple):
     """Balls in a module's frame."""
@@ -395,12 +409,12 @@ def whole_cover(module: Module) -> Balls:
         for piece in pieces:
             boxes = islice(_uncovered_boxes([piece], balls, coarse), MOST_BOXES + 1)
             balls = _join_balls(balls, [box for box in boxes if any(_uncovered_boxes([box], balls, fine))])
-        if len(balls.radii) <= len(ROTOR_DIRECTIONS) + max(MOST_BOXES, len(pieces)):
+        if len(balls.radii) <= module.rotor_table.count + max(MOST_BOXES, len(pieces)):
             return balls
 
 
 def _rotor_balls(module: Module) -> Balls:
-    rotors = module.arm_length * ROTOR_DIRECTIONS
+    rotors = module.arm_length * module.rotor_table.positions
     return Balls(rotors, np.full(len(rotors), math.hypot(module.body.rotor_radius, module.body.rotor_height / 2)))
 
 
@@ -460,9 +474,9 @@ def _pieces(module: Module) -> list[_Box]:
             result.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
         return result
     boxes = [(np.zeros(3), np.eye(3), np.array(body.hub) / 2)]
-    for along in ROTOR_DIRECTIONS:
-        axes = np.stack([along, np.cross(UP, along), UP])
-        boxes.append((l_arm / 2 * along, axes, np.array([l_arm, width, width]) / 2))
+    rotors = module.rotor_table
+    for axes, length in zip(rotors.arm_axes(), l_arm * rotors.distances, strict=True):
+        boxes.append((length / 2 * axes[0], axes, np.array([length, width, width]) / 2))
     return [_Box(centre, axes, half, axes[:1], (half + axes @ centre)[:1]) for centre, axes, half in boxes]
 
 
@@ -488,6 +502,7 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
 def _airflow_clearance(module: Module, phi: Array) -> Array:
     """Return the least clearance of all parts from the neighbour's airflow over all ports, shape (t,) [m]."""
     air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
+    rotors, axes = module.arm_length * module.rotor_table.positions, module.rotor_table.axes
     # without a custom frame, opposite ports look the same, and with a square hub all four
     ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
     sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
@@ -497,13 +512,15 @@ def _airflow_clearance(module: Module, phi: Array) -> Array:
     def clearances(eta: Array) -> Array:
         """Return the clearances of rotors, then pieces, at eta of shape (t, ports, m)."""
         P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
-        across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTOR_DIRECTIONS)[..., :2], axis=-1)
-        beside = np.maximum(0.0, across - body.rotor_radius)
-        apart = [np.hypot(beside, np.maximum(0.0, np.abs(P[:, :, :4, 2]) - body.rotor_height / 2))]
-        apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=4)]
+        from_rotors = P[:, :, : len(rotors)] - rotors
+        height = np.sum(from_rotors * axes, axis=-1)
+        beside = np.linalg.norm(from_rotors - height[..., None] * axes, axis=-1) - body.rotor_radius
+        above = np.abs(height) - body.rotor_height / 2
+        apart = [np.hypot(np.maximum(0.0, beside), np.maximum(0.0, above))]
+        apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=len(rotors))]
         return np.concatenate(apart, axis=-1) - air.start_radius - eta * air.growth
 
-    low = np.zeros((len(phi), len(ports), len(ROTOR_DIRECTIONS) + len(pieces)))
+    low = np.zeros((len(phi), len(ports), len(rotors) + len(pieces)))
     high = np.ones_like(low)
     golden = (math.sqrt(5) - 1) / 2
     first, second = high - golden, low + golden

@@ -131,7 +131,7 @@ class Task(Value):
         if cls is Task and "joint_mass" not in fields:
             derived["joint_mass"] = joint_mass(module)
         if module.max_thrust is not None and "max_thrust_to_weight" not in fields and gravity is not None:
-            derived["max_thrust_to_weight"] = 4 * module.max_thrust / (module.mass * gravity)
+            derived["max_thrust_to_weight"] = module.thrust_to_weight(module.max_thrust, gravity)
         return module.replace(**derived) if derived else module
 
     @model_validator(mode="before")
@@ -183,13 +183,16 @@ class Task(Value):
             yield field, f"`stand_off <= {farthest:g}` must hold, but got {show(end_effector.stand_off)}"
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
+            rotors = n * self.module.rotor_table.count
             units = self.force_unit(n), self.torque_unit(n)
             yield from broken_rules(self.load_cases, *units)
             if len(self.exposure) + len(objects(self.load_cases)) > LIMITS.requirements:
                 yield "exposure", f"must have at most {LIMITS.requirements} entries, objects of `contact` included"
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.at(level).flight for level in self.goals.levels)
-            yield from dict.fromkeys(x for flight in flights for x in flight.broken_reserves(corners, n, *units))
+            yield from dict.fromkeys(
+                x for flight in flights for x in flight.broken_reserves(corners, rotors, *units)
+            )
         if end_effector.axis == "force" and self.rod_axis is None:
             name = "axis" if end_effector.axis_case is None else "axis_case"
             rule = "must mean a load case with a force at the end-effector"
@@ -201,7 +204,7 @@ class Task(Value):
     def _broken_thrust(self) -> Broken:
         """Yield broken rules about limits of rotor inputs."""
         module = self.module
-        due = module.max_thrust_to_weight * module.mass * self.gravity / 4
+        due = module.max_thrust_to_weight * module.mass * self.gravity / module.rotor_table.count
         if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
             rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
             but = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
@@ -233,6 +236,11 @@ class Task(Value):
         if isinstance(self.modules, tuple):
             raise ValueError(f"`modules` must be one number here, but got {list(self.modules)}")
         return self.modules
+
+    @property
+    def rotor_count(self) -> int:
+        """Number of rotors of a task with a single size."""
+        return self.n * self.module.rotor_table.count
 
     def total_mass(self, n: int) -> float:
         """m_t of a platform of n modules [kg]."""

@@ -110,10 +110,11 @@ def rotor_inputs(design: Design) -> Figure:
     """Return the chart of every rotor input relative to u_max, a trace per load case."""
     u_max = design.task.module.max_input(design.task.gravity)
     n = design.topology.n
-    x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
-    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(4)]
+    rotors = design.task.module.rotor_table.count
+    x = np.arange(n).repeat(rotors) + np.tile(np.linspace(-0.3, 0.3, rotors), n)
+    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(rotors)]
     marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
-    inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
+    inputs, looks = design.inputs.reshape(-1, rotors * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
     traces = [
         markers(
             *(x.round(1).tolist(), (u / u_max).tolist(), case, colour),
@@ -129,7 +130,7 @@ def rotor_inputs(design: Design) -> Figure:
     bounds = {"smallest input": design.task.module.min_input, largest: share}
     above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
     layout = {
-        **axes("module (four rotors each)", "rotor input / u_max", legend=-0.25),
+        **axes(f"module ({rotors} rotors each)", "rotor input / u_max", legend=-0.25),
         "shapes": [level(bound, width=1.5) for bound in bounds.values()],
         "annotations": [{**above, "text": name, "y": bound} for name, bound in bounds.items()],
     }

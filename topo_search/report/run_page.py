@@ -214,7 +214,8 @@ def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
     text += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         text += f"; {quantity(size.near_ties_unaudited, 'more design')} within that were not audited"
-    return text, Table(NEAR_TIES, [near_tie_cells(row, best) for row in size.near_ties], range(1, len(NEAR_TIES)))
+    cells = [near_tie_cells(row, best, size.rotors) for row in size.near_ties]
+    return text, Table(NEAR_TIES, cells, range(1, len(NEAR_TIES)))
 
 
 def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:

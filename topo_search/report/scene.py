@@ -14,7 +14,7 @@ from topo_search.export import palette, solids
 from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
 from topo_search.export.solids import cylinder, join
 from topo_search.model import Assembly, Audit, Clearance, Design, Status
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
 from topo_search.model.module import Module
@@ -73,7 +73,7 @@ def scene(
     yield Part("airflow", "airflow", palette.AIRFLOW, "airflow", every, every, 0.2)
     yield from _regions(design, poses, violated)
     yield Part("modules", "modules", palette.MODULE, "modules", every, every)
-    for q in range(len(ROTOR_SPINS)):
+    for q in range(design.task.module.rotor_table.count):
         yield Part("rotors", "rotors", palette.ROTOR, f"rotor {q}", every, every, 0.6)
     for name, colour in zip(SPINS.values(), palette.SPINS, strict=True):
         yield Part("spin", name, colour, name, every, every)
@@ -153,14 +153,14 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
         sides: number of sides of a circle.
     """
     l_arm, l_c, body = module.arm_length, module.connector_distance, module.body
-    hubs = l_arm * ROTOR_DIRECTIONS
-    above = (body.rotor_height / 2) * UP
+    rotors, height = module.rotor_table, body.rotor_height / 2
     by_name = {"airflow": solids.airflow(module, sides=sides), "modules": solids.frame(module)}
     by_name |= {f"rotor {q}": disc for q, disc in enumerate(solids.rotor_discs(module, sides=sides))}
     for drag, name in SPINS.items():
+        turns = rotors.drags == drag
         turning = [
-            ring(hub + above, -drag * UP, 0.7 * body.rotor_radius, 0.05 * body.rotor_radius)[0]
-            for hub in hubs[drag == ROTOR_SPINS]
+            ring(l_arm * hub + height * axis, -drag * axis, 0.7 * body.rotor_radius, 0.05 * body.rotor_radius)[0]
+            for hub, axis in zip(rotors.positions[turns], rotors.axes[turns], strict=True)
         ]
         by_name[name] = join(turning)
     by_name["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]

@@ -39,7 +39,7 @@ from topo_search.model.load_case import LoadCase, objects
 from topo_search.model.module import Module
 from topo_search.model.placement import blocks
 from topo_search.model.proven import excess_texts, upper_text
-from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width
+from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width, rotor_reach
 from topo_search.model.task import Task
 from topo_search.model.value import Value, show
 
@@ -173,7 +173,7 @@ def _radius(module: Module) -> float:
 def _mass(task: Task) -> Doubts:
     r = _radius(task.module)
     usual = 3.0, 1000.0  # disc loading in hover [N/m^2]
-    low, high = (loading * 4 * math.pi * r**2 / task.gravity for loading in usual)
+    low, high = (loading * task.module.rotor_table.count * math.pi * r**2 / task.gravity for loading in usual)
     yield from _usual("module.mass", task.module.mass, low, high, "kg", f", usual with rotors of {r:g} m radius")
 
 
@@ -249,7 +249,7 @@ def _by_mass(task: Task) -> Doubts:
             f"{tip.rod_linear_density:g} kg/m of {tip.rod_radius:g} m radius is {density:.3g} kg/m^3, denser than "
             "tungsten: is it in kg/m?",
         )
-    usual = 0.1, 3.0  # radius of gyration [l_arm]; a ring of four rotors has 1
+    usual = 0.1, 3.0  # radius of gyration [l_arm]; a ring of rotors has 1
     least, most = (module.mass * (share * module.arm_length) ** 2 for share in usual)
     basis = f", usual of {module.mass:g} kg with arms of {module.arm_length:g} m"
     for k, moment in enumerate(module.body.inertia or ()):
@@ -302,9 +302,9 @@ def _gravity(task: Task) -> Doubts:
 def _module(module: Module) -> Doubts:
     """Yield signs of parts that cannot be built as given."""
     body = module.body
-    if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
+    if 2 * body.rotor_radius > module.arm_length * module.rotor_table.spacing:
         yield "module.body.rotor_radius", "adjacent rotors of a module overlap"
-    least = module.arm_length / math.sqrt(2) + body.rotor_radius
+    least = rotor_reach(module) + body.rotor_radius
     if module.connector_distance < least:
         yield (
             "module.connector_distance",
@@ -468,7 +468,7 @@ def _platform(n: int) -> str:
 
 def largest_thrust(task: Task, n: int) -> float:
     """Return the total thrust of all rotors of n modules that point in the same direction [N]."""
-    return 4 * n * task.module.thrust_coefficient * task.max_input
+    return n * task.module.rotor_table.count * task.module.thrust_coefficient * task.max_input
 
 
 def _hovers(case: LoadCase, weight: float) -> bool:

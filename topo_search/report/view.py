@@ -37,7 +37,7 @@ from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches,
 from topo_search.export.solids import cylinder, join
 from topo_search.limits import vector as vector_text
 from topo_search.model import Assembly, Audit, Design, LoadCase
-from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
+from topo_search.model.arrays import Array
 from topo_search.model.mesh import Indices, Mesh, rotation_to
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
@@ -151,7 +151,7 @@ def _air(design: Design) -> dict[str, Any]:
     full = jets(module, design.task.air_density, np.zeros((1, 3)), I, I, np.array([[u_max]]))
     return {
         "full": float(full.induced[0, 0]),
-        "rotors": (module.arm_length * ROTOR_DIRECTIONS[:, :2]).round(6).tolist(),
+        "rotors": (module.arm_length * module.rotor_table.positions[:, :2]).round(6).tolist(),
         "radius": module.body.rotor_radius,
         "diameter": MODEL.diameter * module.arm_length,
         "merged": MODEL.merged_at,

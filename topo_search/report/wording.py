@@ -51,8 +51,11 @@ def clearance(pair: Clearance) -> str:
     return length(at_least(pair.analytic_m, 3))
 
 
-def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
-    """Return a design's cells of the table of near ties; proven figures are rounded to the safe side."""
+def near_tie_cells(row: Row, best: Row, rotors: int) -> tuple[str, ...]:
+    """Return a design's cells of the table of near ties; proven figures are rounded to the safe side.
+
+    `rotors`: number of rotors of the design.
+    """
     from topo_search.model.proven import at_most
 
     excess_percent = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
@@ -61,7 +64,7 @@ def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
         f"+{excess_percent:.2f} %",
         rounded_down(row.force_reserve_N, " N"),
         rounded_down(row.torque_reserve_Nm, " N m"),
-        rounded_down(row.rotors_out_hover, f" of {4 * row.modules}"),
+        rounded_down(row.rotors_out_hover, f" of {rotors}"),
         rounded_down(row.load_factor, digits=4),
         rounded_up(row.joint_moment_Nm, " N m"),
         rounded_down(row.hinge_tolerance_deg, "°"),

@@ -221,7 +221,7 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario
             why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
             planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
     required = design.task.flight.rotor_out != "none"
-    return [*planned, scenarios.dead_rotor(rotor, counts=rotor_out or required)]
+    return [*planned, scenarios.dead_rotor(rotor, design.task.module, counts=rotor_out or required)]
 
 
 def _weakest_corners(design: Design) -> set[tuple[int, int]]:

@@ -9,6 +9,8 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.load_case import LoadCase
+from topo_search.model.module import Module
+from topo_search.model.reserves import rotor_name
 from topo_search.simulation.plant import Nominal, Wall
 
 BALANCE_TOLERANCE = 1e-6
@@ -91,10 +93,9 @@ def gust(nominal: Nominal, *, counts: bool) -> Scenario:
     return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind, counts=counts)
 
 
-def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
+def dead_rotor(rotor: int, module: Module, *, counts: bool) -> Scenario:
     """Return hover in which a rotor fails, with three seconds to recover height and attitude."""
-    name = f"rotor {rotor % 4} of module {rotor // 4} dies"
-    return Scenario(name, 8.0, 4.0, dead=rotor, counts=counts)
+    return Scenario(f"{rotor_name(rotor, module)} dies", 8.0, 4.0, dead=rotor, counts=counts)
 
 
 def imbalance(design: Design, case: LoadCase) -> str | None:

@@ -27,6 +27,8 @@ class SizeAnswer:
     """Results for one number of modules."""
 
     modules: int
+    rotors: int
+    """Number of rotors of a platform."""
     candidates: int
     """Number of candidates."""
     quotient: str

@@ -144,6 +144,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     words = None if best is None else statement(best, settled - statuses["failed"], candidates, task.attitude)
     answer = SizeAnswer(
         modules=n,
+        rotors=task.rotor_count,
         candidates=candidates,
         quotient=quotient_remark(quotient),
         settled=settled,

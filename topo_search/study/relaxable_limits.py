@@ -193,7 +193,7 @@ def _value(n: int, part: str | int, name: str, task: Task) -> Any:
 def _scale(read: Callable[[Task], Any], part: str | int, name: str, sign: float, task: Task, share: float) -> Task:
     fields = {name: _times(read(task), 1 + sign * share)}
     if name == "max_thrust":
-        fields["max_thrust_to_weight"] = 4 * fields[name] / (task.module.mass * task.gravity)
+        fields["max_thrust_to_weight"] = task.module.thrust_to_weight(fields[name], task.gravity)
     return task.with_fields(part, **fields)
 
 

@@ -149,12 +149,12 @@ def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     field is bounded in slices of depth, cut at equal angles to the jet's axis, and below D by its speed there.
     """
     D = distance - np.linalg.norm(air.centres - x, axis=1)
-    if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius):
+    if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + air.reach + 2 * air.radius):
         return math.inf
     angles = np.linspace(math.pi / 2, 0.0, SEARCH.slices + 1)[:, None]
     shallow, from_axis = D * np.cos(angles), D * np.append(np.sin(angles[1:]), [[0.0]], axis=0)
     far = far_field(air, shallow, np.append(shallow[1:], [D], axis=0), from_axis).max(axis=0)
-    inflow = 4 * sink(air, D - 1 - air.radius) ** 2
+    inflow = air.induced.shape[1] * sink(air, D - air.reach - air.radius) ** 2
     return float(np.sqrt((air.induced**2).sum(axis=1) * np.maximum(far, inflow)).sum())
 
 
@@ -210,7 +210,7 @@ def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
     """Yield the name and the jets of every load case, in the coordinates of the scene."""
     task, platform = scene.design.task, scene.platform
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
-    inputs = scene.design.inputs.reshape(-1, len(scene.centres), 4)
+    inputs = scene.design.inputs
     for name, u in zip(task.case_labels, inputs, strict=True):
         yield name, jets(task.module, task.air_density, scene.centres, scene.R, rotors, u)
 
@@ -286,12 +286,12 @@ def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
 def ingested_wakes(jets: Jets) -> tuple[Array, Array]:
     """Return the average speed of other modules' wakes through discs, and its part along the disc's own flow.
 
-    Both have the shape (n, 4) [m/s].
+    Both have the shape (n, r) [m/s].
     """
     weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
     through, along = np.zeros(jets.induced.shape), np.zeros(jets.induced.shape)
     for i, (R, discs) in enumerate(zip(jets.poses, jets.rotors, strict=True)):
         others, points = jets.drop(i), discs[:, None] + jets.radius * DISC @ R[:, :2].T
-        of_each = weights @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
+        of_each = weights @ wakes(others, points.reshape(-1, 3)).reshape(len(discs), len(DISC), -1)
         through[i], along[i] = of_each.sum(axis=1), np.maximum(of_each @ (others.axes @ R[:, 2]), 0.0)
     return through, along

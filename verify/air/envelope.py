@@ -1,8 +1,8 @@
 r"""The smallest cone-sphere around all air of a module that reaches a speed, and the speeds on a given cone-sphere.
 
-The module is level at the origin, and its four discs have equal thrust. Points are (z, r, phi): depth, distance
-from the axis, angle from the vertical plane through a rotor. The flow has the symmetry of the four rotors, so phi
-from 0 to 45 deg covers all of it.
+The module is level at the origin, and its discs have equal thrust. Points are (z, r, phi): depth, distance
+from the axis, angle from the vertical plane through a rotor. The flow has the symmetry of the rotors, so phi from 0
+to half the angle between two of them covers all of it.
 
 A cell is the set of points with z and r within h of its centre and phi within an angle. Its air is bounded in a
 ball about (z, r, phi) that is turned by the angle (`verify.air.jets`). The angle is halved with h where it raises
@@ -40,7 +40,6 @@ from numpy.typing import NDArray
 from topo_search.model import Module
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
 from topo_search.model.airflow import Airflow
-from topo_search.model.arrays import ROTOR_DIRECTIONS
 from topo_search.model.proven import at_most
 from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed
@@ -235,8 +234,9 @@ def envelope_air(module: Module, density: float, thrust: float) -> EnvelopeAir:
 
 
 def _module_jets(module: Module, density: float, thrust: float) -> Jets:
-    inputs = np.full((1, 4), thrust / (4 * module.thrust_coefficient))
-    return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], inputs)
+    rotors = module.rotor_table
+    inputs = np.full((1, rotors.count), thrust / (rotors.count * module.thrust_coefficient))
+    return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], rotors.positions[None], inputs)
 
 
 def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float, cell_size: float) -> Array:

@@ -1,6 +1,6 @@
 r"""Jet model of the air that modules move: speeds at points, and upper bounds over balls.
 
-Lengths are in l_arm. A module with rotors q = 1..4, in its own frame, with its jet along -z:
+Lengths are in l_arm. A module with rotors q = 1..r, in its own frame, with its jet along -z:
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -19,7 +19,7 @@ The square of the speed is linear in the thrusts:
 .. math::
 
     U^2 &= \sum_q v_q^2 \max\big(G_q, H_q\big), \qquad
-    G_q = (1 - c) S_q^2 + \tfrac{c}{4} M^2, \quad c = \mathrm{clip}\big(\tfrac{s - 1}{1.5}, 0, 1\big) \\
+    G_q = (1 - c) S_q^2 + \tfrac{c}{r} M^2, \quad c = \mathrm{clip}\big(\tfrac{s - 1}{1.5}, 0, 1\big) \\
     \text{far field}\ M &= \frac{D}{s' + s_0} \Big(1 + (\sqrt 2 - 1) \frac{r^2}{b^2 (s' + s_0)^2}\Big)^{-2}, \quad
         s' = \max(s, 2.5) \\
     \text{slipstream}\ S_q &= g\, \mathrm{clip}\Big(\frac{r_2 - r_q}{2 \delta}, 0, 1\Big) \text{ for } z \ge 0,
@@ -41,7 +41,7 @@ momentum that they carry: it goes from the thrust to the share of it that the fa
 
 The inflow is v_q at the disc and a sink of half its flow, v_q R^2 / (2 d^2), far from it. It counts for a rotor
 wherever it exceeds the rotor's share of the jet: above the discs and beside the jet. By Cauchy's inequality the sum
-of squares is at least (sum_q v_q k_q)^2, the square of the four sinks' sum, and equal to it for equal rotors.
+of squares is at least (sum_q v_q k_q)^2, the square of the sinks' sum, and equal to it for equal rotors.
 
 Jets are straight; speeds are time averages in free air, without walls, ground or wind. Peaks of a jet are about 1.5
 times as high. Swirl is left out: if it is as fast in all of a slipstream, a rotor's torque makes it
@@ -90,11 +90,13 @@ class Jets(NamedTuple):
     poses: Array
     """Orientations R_i, shape (n, 3, 3)."""
     rotors: Array
-    """Centres of the discs, shape (n, 4, 3) [l_arm]."""
+    """Centres of the discs, shape (n, r, 3) [l_arm]."""
+    reach: float
+    """Largest distance of a disc's centre from its module's [l_arm]."""
     radius: float
     """R [l_arm]."""
     induced: Array
-    """v_q, shape (n, 4) [m/s]."""
+    """v_q, shape (n, r) [m/s]."""
     decay: float
     origin: float
     half_width: float
@@ -124,14 +126,14 @@ def jets(
         density: rho [kg/m^3].
         centres: positions of the modules, shape (n, 3) [l_arm].
         poses: orientations, shape (n, 3, 3).
-        rotors: centres of the discs, shape (n, 4, 3) [l_arm].
-        squared_speeds: u, shape (n, 4) [rad^2/s^2]; negative values count as zero.
+        rotors: centres of the discs, shape (n, r, 3) [l_arm].
+        squared_speeds: u, shape (n, r) [rad^2/s^2]; negative values count as zero.
     """
     thrusts = module.thrust_coefficient * np.maximum(squared_speeds, 0.0)
     radius, jet = module.body.rotor_radius, module.airflow.jet
     induced = np.sqrt(thrusts / (2 * density * math.pi * radius**2))
-    R = radius / module.arm_length
-    return Jets(centres, poses, rotors, R, induced, jet.decay, jet.origin, jet.half_width)
+    R, reach = radius / module.arm_length, float(module.rotor_table.distances.max())
+    return Jets(centres, poses, rotors, reach, R, induced, jet.decay, jet.origin, jet.half_width)
 
 
 def speeds(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> Array:
@@ -162,9 +164,9 @@ class _Balls(NamedTuple):
     from_module_axis: Array
     """Least distances from the modules' axes, shape (m, n)."""
     from_rotor_axis: Array
-    """Least distances from the rotors' axes, shape (m, n, 4)."""
+    """Least distances from the rotors' axes, shape (m, n, r)."""
     from_disc: Array
-    """Least distances from the discs, shape (m, n, 4)."""
+    """Least distances from the discs, shape (m, n, r)."""
 
 
 def _balls(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> _Balls:
@@ -185,12 +187,12 @@ def _balls(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0
 
 
 def _speed(air: Jets, shares: Array) -> Array:
-    """Return speeds, shape (m, n) [m/s], from the factors of v_q^2, shape (m, n, 4)."""
+    """Return speeds, shape (m, n) [m/s], from the factors of v_q^2, shape (m, n, r)."""
     return np.asarray(np.sqrt(np.einsum("nq,mnq->mn", air.induced**2, shares)))
 
 
 def _inflow(air: Jets, balls: _Balls) -> Array:
-    """Return a bound on H_q, shape (m, n, 4)."""
+    """Return a bound on H_q, shape (m, n, r)."""
     k = sink(air, balls.from_disc)
     return np.asarray(k * k.sum(axis=2, keepdims=True))
 
@@ -201,16 +203,16 @@ def sink(air: Jets, from_disc: Array) -> Array:
 
 
 def _jet(air: Jets, balls: _Balls) -> Array:
-    """Return a bound on G_q, shape (m, n, 4)."""
+    """Return a bound on G_q, shape (m, n, r)."""
     merged = far_field(air, balls.shallow, balls.deep, balls.from_module_axis)[..., None]
     return np.asarray((1 - _merged_share(balls.shallow))[..., None] * _slipstreams(air, balls) ** 2 + merged)
 
 
 def far_field(air: Jets, shallow: Array, deep: Array, from_axis: Array) -> Array:
-    """Return a bound on c M^2 / 4 between two depths at a distance of at least `from_axis`, all of one shape."""
+    """Return a bound on c M^2 / r between two depths at a distance of at least `from_axis`, all of one shape."""
     above, below = (np.maximum(z / MODEL.diameter, MODEL.merged_at) + air.origin for z in (shallow, deep))
     profile = 1 + (math.sqrt(2) - 1) * (from_axis / (air.half_width * below * MODEL.diameter)) ** 2
-    return np.asarray(_merged_share(deep) / 4 * (air.decay / above / profile**2) ** 2)
+    return np.asarray(_merged_share(deep) / air.induced.shape[1] * (air.decay / above / profile**2) ** 2)
 
 
 def _merged_share(depth: Array) -> Array:
@@ -218,7 +220,7 @@ def _merged_share(depth: Array) -> Array:
 
 
 def _slipstreams(air: Jets, balls: _Balls) -> Array:
-    """Return a bound on S_q, shape (m, n, 4)."""
+    """Return a bound on S_q, shape (m, n, r)."""
     above, below = (np.maximum(z, 0.0)[..., None] for z in (balls.shallow, balls.deep))
     g_above, g_below = (1 + z / np.hypot(air.radius, z) for z in (above, below))
     thin, wide = (MODEL.shear * (z + air.radius) for z in (above, below))

@@ -2,7 +2,7 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| N = 4n, K | rotors, load cases | | |
+| N = r n, K | rotors, load cases | | |
 | v | inputs over the largest input of a rotor | (N,) | |
 | A | wrench map about the COM, W = A v | (6, N) | m_t g, l_arm m_t g |
 | b_k | wrench of hover (k = 0) and of every load case | (6,) | the same |
@@ -65,7 +65,8 @@ def flight(found: Findings) -> Flight | None:
     design, platform, mount = found.scene.design, found.scene.platform, found.sheet.mount
     task, tip, errors = design.task, found.sheet.end_effector, found.figures["sensitivity"]
     max_input = task.module.max_input(task.gravity)
-    N, A = 4 * design.topology.n, wrench_map(platform, task.module) * max_input
+    A = wrench_map(platform, task.module) * max_input
+    N = A.shape[1]
     inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / max_input)]
 
     def with_com_error(c: Array) -> CapabilityAnalysis:
@@ -78,6 +79,7 @@ def flight(found: Findings) -> Flight | None:
             inputs,
             inertia(design, platform),
             task.flight.rotor_out_torque,
+            design.topology.n,
         )
 
     analysis = with_com_error(np.zeros(3))
@@ -123,6 +125,7 @@ class CapabilityAnalysis:
         J: inertia about the COM, shape (3, 3) [kg m^2]; None: unknown.
         rotor_out_torque: torque of any direction that must be left after a rotor failure [N m], which is then
             computed; None: the default decides which failures are survived.
+        modules: number of modules, to which the rotors belong in equal parts.
     """
 
     def __init__(
@@ -135,7 +138,9 @@ class CapabilityAnalysis:
         inputs: Sequence[Array | None],
         J: Array | None,
         rotor_out_torque: float | None = None,
+        modules: int = 1,
     ) -> None:
+        self._rotors_each = A.shape[1] // modules
         self.force, arm = units
         self.torque = arm * self.force
         unit = np.repeat([self.force, self.torque], 3)
@@ -277,15 +282,19 @@ class CapabilityAnalysis:
             weakest = int(np.argmin(lower))
             left["torque_reserve_Nm"] = float(lower[weakest]) * self.torque
             left["torque_reserve_at_most_Nm"] = clamp(float(upper.min()) * self.torque)
-            left["weakest"] = weakest // 4, weakest % 4
+            left["weakest"] = divmod(weakest, self._rotors_each)
         return RotorsOut(
             survive=int(survived.sum()),
             hover_only=int(hover_only.sum()),
             of=survived.size,
-            lost=_rotors(lost),
-            undecided=_rotors(~(survived | hover_only | lost)),
+            lost=self._rotors(lost),
+            undecided=self._rotors(~(survived | hover_only | lost)),
             **left,
         )
+
+    def _rotors(self, which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+        """Return module and rotor numbers of the selected rotors, shape (N,)."""
+        return tuple(divmod(int(j), self._rotors_each) for j in np.flatnonzero(which))
 
     @cached_property
     def _failures(self) -> list[RotorFailures]:
@@ -383,7 +392,7 @@ def _joint_loads(
         load
         for case, v, name in zip(analysis.load_cases, analysis.v, analysis.names, strict=True)
         if v is not None
-        for load in joint_loads(design, platform, case, v.reshape(-1, 4) * max_input, name, holder)
+        for load in joint_loads(design, platform, case, v.reshape(design.topology.n, -1) * max_input, name, holder)
     )
 
 
@@ -404,8 +413,3 @@ def _ball_fields(name: str, weakest: str, ball: BallBound, scale: float) -> dict
         name.format("_at_most"): max(ball.upper, 0.0) * scale,
         weakest: (float(x[0]), float(x[1]), float(x[2])),
     }
-
-
-def _rotors(which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
-    """Return module and rotor numbers of the selected rotors, shape (4n,)."""
-    return tuple((int(j) // 4, int(j) % 4) for j in np.flatnonzero(which))

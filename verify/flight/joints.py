@@ -23,7 +23,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import Design, JointLoad, LoadCase
-from topo_search.model.arrays import ROTOR_SPINS
 from verify.bodies import Array
 from verify.kinematics import Platform
 from verify.residuals import clamp
@@ -38,7 +37,7 @@ def joint_loads(
         design: the design.
         platform: its geometry.
         case: the load case [N], [N m].
-        u: rotor inputs, shape (n, 4) [rad^2/s^2].
+        u: rotor inputs, shape (n, r) [rad^2/s^2].
         name: name of the case.
         holder: the module that carries the end-effector. If None, each load is the larger one with the end-effector
             on either side of the joint.
@@ -69,10 +68,11 @@ class _PlatformLoads:
 
     def __init__(self, design: Design, platform: Platform, case: LoadCase, u: Array) -> None:
         task, module = design.task, design.task.module
-        n, z = design.topology.n, platform.poses.z
+        n, rotors = design.topology.n, module.rotor_table
         self._o, self._p_E, self._c = platform.o, platform.p_e, platform.joints
-        thrusts = module.thrust_coefficient * u[:, :, None] * z[:, None, :]
-        drags = module.torque_coefficient * (ROTOR_SPINS * u).sum(axis=1)[:, None] * z
+        thrusts = module.thrust_coefficient * u[:, :, None] * platform.thrust_axes
+        drags = module.torque_coefficient * ((rotors.drags * u)[:, :, None] * rotors.axes).sum(axis=1)
+        drags = np.einsum("nij,nj->ni", platform.R, drags)
         self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
         weight = np.array([0.0, 0.0, -task.gravity])
         points, masses = _masses(design, platform)

@@ -83,10 +83,10 @@ def failure_residuals(design: Design, capability: Flight | None) -> Iterator[Res
     out = None if capability is None else capability.rotors_out_asked
     cases = "hover" if flight.rotor_out == "hover" else "hover and cases that carry the weight"
     survived = 0 if out is None else out.survive
-    status = Status.CLEAR if survived == 4 * task.n else Status.UNDECIDED
+    status = Status.CLEAR if survived == task.rotor_count else Status.UNDECIDED
     status = Status.VIOLATED if out is not None and (out.lost or out.hover_only) else status
-    rotors = {"claim": float(4 * task.n), "derived": float(survived)}
-    name, fatal = f"{cases}, any rotor dead", float(4 * task.n - survived)
+    rotors = {"claim": float(task.rotor_count), "derived": float(survived)}
+    name, fatal = f"{cases}, any rotor dead", float(task.rotor_count - survived)
     yield residual(name, fatal, "rotors", 1.0, tolerance=0.0, status=status, **rotors)
     r, scale = flight.rotor_out_torque or 0.0, task.torque_unit(task.n)
     if r > 0:

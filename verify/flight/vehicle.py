@@ -18,7 +18,7 @@ import math
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from topo_search.model import Flight, LoadCase, RotorsOut, Task
+from topo_search.model import Flight, LoadCase, Task
 from topo_search.model.load_case import labels
 from topo_search.model.vehicle import Capability, Vehicle
 from verify.bodies import Array
@@ -61,8 +61,8 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
         zero_torque_ball_N=clamp(ball.lower * weight),
         flight=Flight(
             cases=rows,
-            rotors_out_hover=_flat_indices(analysis.rotors_out([0])),
-            rotors_out_all=_flat_indices(analysis.rotors_out(range(len(rows)))),
+            rotors_out_hover=analysis.rotors_out([0]),
+            rotors_out_all=analysis.rotors_out(range(len(rows))),
             joints=(),
             hinge_tolerance_deg=None,
             hover_input=analysis.hover_input,
@@ -99,12 +99,6 @@ def _cases(task: Task, weight: float) -> dict[str, LoadCase]:
         cases[label] = case.to_si(*units)
         cases |= {f"{label}, corner {k}": corner.to_si(*units) for k, corner in enumerate(case.corners)}
     return cases
-
-
-def _flat_indices(out: RotorsOut) -> RotorsOut:
-    """Return the same with rotors numbered consecutively, not by modules of four."""
-    lost, undecided = (tuple((0, 4 * m + q) for m, q in rotors) for rotors in (out.lost, out.undecided))
-    return out.model_copy(update={"lost": lost, "undecided": undecided})
 
 
 def force_hull(F: Array, T: Array, t: Array, box: Bounds, *, rounds: int = 200) -> ConvexHull | None:

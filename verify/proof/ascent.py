@@ -33,7 +33,7 @@ import numpy as np
 from topo_search.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.dual import residual
-from verify.proof.platform import CheckProblem, Indices
+from verify.proof.platform import ROTORS, CheckProblem, Indices
 from verify.proof.points import MAX_POINTS, Points, fill_condition_inverse
 
 
@@ -74,7 +74,7 @@ class Ascent(NamedTuple):
     temperature_decay: float = 0.6
     """Ratio of T between stages."""
     initial_kink_width: float = 0.15
-    """s in the first stage, over the cut / (4 n)."""
+    """s in the first stage, over the cut / (r n)."""
     kink_decay: float = 0.35
     """Ratio of s and of the ridges between stages."""
     exact_kink_width: float = 1e-9
@@ -288,7 +288,7 @@ def _evaluate_slopes(problem: CheckProblem, points: Points, y: Array, sigma: Arr
             if u <= 0.0 or j == problem.dead_rotor[k]:
                 continue
             for angle in range(len(g)):
-                if not slopes.is_turned[angle, j // 4]:
+                if not slopes.is_turned[angle, j // ROTORS]:
                     continue
                 c, dg_dy = slopes.beta[angle, j], slopes.dg_dy[angle, k]
                 slope = c[0] * y0 + c[1] * y1 + c[2] * y2 + c[3] * y3 + c[4] * y4 + c[5] * y5

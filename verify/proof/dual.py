@@ -23,8 +23,8 @@ minimum over the hinges is computed from the leaves of the tree inwards.
 entries have errors of 4 eps (eps = 2^-53), each product one of 3 eps of the sums of magnitudes. So entries of R
 have errors of less than 16 (n + 2) eps times gamma, the product of the vertices' lengths on the path (1 if boxes
 are narrow; gamma <= 1.44^(n + 2)), those of B that times the longest lever L. A term of the sum, at most (|nu| + L
-|mu|) u gamma, then has an error under 20 (n + 2) eps of that, and the sum of 4 n K of them one of 4 n K eps more.
-With the sum of all magnitudes in `magnitude`, the error is under (20 (n + 2) + 4 n K + 10) eps magnitude gamma;
+|mu|) u gamma, then has an error under 20 (n + 2) eps of that, and the sum of r n K of them one of r n K eps more.
+With the sum of all magnitudes in `magnitude`, the error is under (20 (n + 2) + r n K + 10) eps magnitude gamma;
 BOUND_ROUNDING covers the first two factors. It is over 5 times what 12 modules and n K = 20,000 need, and grows
 with n K beyond.
 """
@@ -41,7 +41,7 @@ from topo_search.compiled_code import njit
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
-from verify.proof.platform import CheckProblem
+from verify.proof.platform import ROTORS, CheckProblem
 from verify.proof.rod import rod_loss
 
 BOUND_ROUNDING = 5e-11
@@ -155,9 +155,9 @@ def _fill_module(problem: CheckProblem, frames: ArcFrames, i: int, v: int, works
             continue
         y, weight = workspace.root_y[k], problem.weight[k]
         inverse_weight = 0.5 / weight if weight > 0.5 / MAX_INVERSE_WEIGHT else MAX_INVERSE_WEIGHT
-        for q in range(4):
+        for q in range(ROTORS):
             low, high = problem.u_min - TOLERANCE, 1 + TOLERANCE
-            if problem.dead_rotor[k] == 4 * i + q:
+            if problem.dead_rotor[k] == ROTORS * i + q:
                 low, high = -TOLERANCE, TOLERANCE
             ox, oy, oz = problem.rotor_torques[q]
             tx = Mx + R[0, 0] * ox + R[0, 1] * oy + R[0, 2] * oz
@@ -220,9 +220,9 @@ def rounding(problem: CheckProblem, y: Array, sigma: Array, triangles: Array) ->
     lever = 2 * problem.l_c * deepest + 2
     for k in range(len(y)):
         nu, mu = _norm(y[k, :3]), _norm(y[k, 3:])
-        magnitude += (_norm(problem.f[k]) + 4 * n * (1 + problem.weight[k])) * nu
-        torque = _norm(problem.t[k]) + lever * (n * _norm(problem.h[k]) + 4 * n)
-        magnitude += torque * mu + 4 * n * problem.weight[k]
+        magnitude += (_norm(problem.f[k]) + ROTORS * n * (1 + problem.weight[k])) * nu
+        torque = _norm(problem.t[k]) + lever * (n * _norm(problem.h[k]) + ROTORS * n)
+        magnitude += torque * mu + ROTORS * n * problem.weight[k]
         magnitude += problem.max_tip_distance * _norm(problem.g[k]) * mu * 1e-3
         magnitude += _norm(problem.rod.df[k]) * nu + problem.rod.magnitude[k] * mu
     for r in range(len(sigma)):

@@ -44,16 +44,19 @@ from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
 from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.corners import CorneredTask
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.rotors import x_quadrotor
 from verify.bodies import Array
 from verify.proof.rod import RodInterval, rod_interval
 from verify.requirements import half_spaces
 
 Indices = NDArray[np.int64]
 
+ROTORS = x_quadrotor().count
+"""r, the number of rotors of the modules for which the checker is compiled."""
 PI_ROUNDED_UP = math.nextafter(math.pi, 4.0)
 """Least double above pi."""
 
@@ -74,7 +77,7 @@ class CheckProblem(NamedTuple):
     bodies: Array
     """Mass of each module with its joints over the mean, and moments along the module's x and y, shape (n, 3)."""
     rotor_torques: Array
-    """Torque of each rotor about its module's centre at unit input, in the module's frame, shape (4, 3)."""
+    """Torque of each rotor about its module's centre at unit input, in the module's frame, shape (r, 3)."""
     f: Array
     t: Array
     h: Array
@@ -82,7 +85,7 @@ class CheckProblem(NamedTuple):
     weight: Array
     """lambda_k over the largest weight, shape (K,)."""
     dead_rotor: Indices
-    """Dead rotor of each load case, 4 i + q, or -1, shape (K,)."""
+    """Dead rotor of each load case, r i + q, or -1, shape (K,)."""
     rod: RodInterval
     u_min: float
     """Least input of a rotor that is not dead."""
@@ -141,8 +144,8 @@ def to_arrays(
     for i, j in tree.bolted:
         bolted[i, j] = bolted[j, i] = True
     drag = module.torque_coefficient / (module.thrust_coefficient * l_arm)
-    rotor_torques = np.cross(ROTOR_DIRECTIONS, [0.0, 0.0, 1.0])
-    rotor_torques[:, 2] += drag * ROTOR_SPINS
+    rotor_torques = np.cross(module.rotor_table.positions, module.rotor_table.axes)
+    rotor_torques += drag * module.rotor_table.drags[:, None] * module.rotor_table.axes
     bodies = _bodies(task, tree)
     kappa = task.end_effector.mass / (n * module.mass + (n - 1) * module.joint_mass)
     heavy_cases = [heaviest[label] for label in bounded.case_labels]
@@ -240,12 +243,11 @@ def _balls(task: ResolvedTask, problem: Problem) -> Array:
         return np.concatenate([cover.centres, cover.radii[:, None]], axis=1) / l_arm
     turns = np.arange(8) * math.pi / 4
     rim = body.rotor_radius / l_arm * (1 - 1e-12) * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)
-    balls = np.zeros((4 * 9 + 1, 4))
-    balls[:32, :3] = (ROTOR_DIRECTIONS[:, None] + rim).reshape(32, 3)
-    balls[32:36, :3] = ROTOR_DIRECTIONS
-    balls[32:36, 3] = min(body.rotor_radius, body.rotor_height / 2) / l_arm
-    balls[36, 3] = min(body.hub) / 2 / l_arm
-    return balls if body.frame is None else balls[:36]
+    rotors = task.module.rotor_table.positions
+    rims, inner = (rotors[:, None] + rim).reshape(-1, 3), min(body.rotor_radius, body.rotor_height / 2) / l_arm
+    centres = np.concatenate([rims, rotors, np.zeros((1 if body.frame is None else 0, 3))])
+    radii = [*([0.0] * len(rims)), *([inner] * len(rotors)), min(body.hub) / 2 / l_arm]
+    return np.concatenate([centres, np.array(radii)[: len(centres), None]], axis=1)
 
 
 def effort_unit(task: ResolvedTask) -> float:

@@ -2,8 +2,8 @@
 
 | symbol | meaning | shape |
 |---|---|---|
-| a_j | wrench of rotor j at unit input, about the origin of W | (4 n, 6) |
-| beta_aj | derivative of a_j by angle a | (A, 4 n, 6) |
+| a_j | wrench of rotor j at unit input, about the origin of W | (r n, 6) |
+| beta_aj | derivative of a_j by angle a | (A, r n, 6) |
 | v_a | derivative of the sum of all c_i (`verify.proof.platform`) by angle a | (A, 3) |
 | g_a | derivative of D by angle a | (A,) |
 """
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from topo_search.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
-from verify.proof.platform import CheckProblem
+from verify.proof.platform import ROTORS, CheckProblem
 
 MAX_POINTS = 32
 """Largest number of points that enter a step."""
@@ -46,7 +46,7 @@ class Points(NamedTuple):
     """V points of a box, and the workspace of a search for multipliers at them."""
 
     a: Array
-    """Wrench of every rotor at unit input, shape (V, 4 n, 6)."""
+    """Wrench of every rotor at unit input, shape (V, r n, 6)."""
     b: Array
     """Required wrenches of the load cases, without the torque of p'_E, shape (V, K, 6)."""
     wall: Array
@@ -103,14 +103,14 @@ def empty_points(problem: CheckProblem, count: int, angles: int) -> Points:
         np.zeros(angles),
         is_turned,
         np.zeros((angles, 2, 3)),
-        np.zeros((angles, 4 * n, 6)),
+        np.zeros((angles, ROTORS * n, 6)),
         np.zeros((angles, 3)),
         np.zeros((angles, W)),
         np.zeros(angles),
         np.zeros((angles, K, 6)),
     )
     points = Points(
-        np.zeros((count, 4 * n, 6)),
+        np.zeros((count, ROTORS * n, 6)),
         np.zeros((count, K, 6)),
         np.zeros((count, W)),
         np.zeros(count),
@@ -141,8 +141,8 @@ def fill_point(problem: CheckProblem, pairs: Array, frames: ArcFrames, points: P
     for i in range(len(problem.parent)):
         x, y, z = _moment(problem, frames, R, i)
         cx, cy, cz = cx + x, cy + y, cz + z
-        for q in range(4):
-            wrench = points.a[v, 4 * i + q]
+        for q in range(ROTORS):
+            wrench = points.a[v, ROTORS * i + q]
             wrench[:] = 0.0
             for l in range(3):
                 torque = frames.B[i, l, 2]
@@ -206,7 +206,7 @@ def fill_slopes(problem: CheckProblem, pairs: Array, frames: ArcFrames, rho: Arr
         for i in range(len(problem.parent)):
             if not slopes.is_turned[angle, i]:
                 continue
-            for j in range(4 * i, 4 * i + 4):
+            for j in range(ROTORS * i, ROTORS * (i + 1)):
                 beta = slopes.beta[angle, j]
                 _fill_beta(slopes.axes[angle], points.a[0, j], beta)
                 for l in range(6):

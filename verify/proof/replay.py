@@ -17,7 +17,7 @@ from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import ArcFrames
 from verify.proof.crowded import find_crowded_pair
-from verify.proof.platform import CheckProblem, angles_around
+from verify.proof.platform import ROTORS, CheckProblem, angles_around
 from verify.proof.points import Points, empty_points, fill_point, fill_slopes
 
 BOUND, CROWDED, SPLIT = 0, 1, 2
@@ -126,8 +126,8 @@ def _box_workspace(problem: CheckProblem) -> ReplayWorkspace:
     A, K = len(problem.parent) + 2, len(problem.f)
     frames, middle_frames = arcs.empty_frames(problem, 3), arcs.empty_frames(problem, 1)
     initial_y, initial_sigma = np.zeros((K, 6)), np.zeros(len(problem.wall_normal))
-    for k in range(K):  # four rotors per module, all parallel to the force: t = 2 lambda u
-        initial_y[k, :3] = 2 * problem.weight[k] * problem.f[k] / (4 * len(problem.parent))
+    for k in range(K):  # all rotors parallel to the force: t = 2 lambda u
+        initial_y[k, :3] = 2 * problem.weight[k] * problem.f[k] / (ROTORS * len(problem.parent))
     return ReplayWorkspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
@@ -227,7 +227,7 @@ def _split_axis(problem: CheckProblem, workspace: ReplayWorkspace, rho: Array) -
             t = (points.a[0, j] * workspace.y[k]).sum()
             u = min(max(t / (2 * points.weight[k]), problem.u_min), 1.0)
             for angle in range(len(rho)):
-                if slopes.is_turned[angle, j // 4]:
+                if slopes.is_turned[angle, j // ROTORS]:
                     slope = (slopes.beta[angle, j] * workspace.y[k]).sum()
                     curvature[angle] += slope * slope / (4 * points.weight[k]) + u * abs(t)
     axis, largest_gain = 0, -1.0

@@ -25,21 +25,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch.rod import RodChange, rod_change, wrenches
-from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.rotors import x_quadrotor
 from topo_search.model.shape import NOWHERE
 from topo_search.model.topology import ROOT, Joint
 from topo_search.model.value import Vector
 
 Indices = NDArray[np.int64]
 
+ROTORS = x_quadrotor().count
+"""r, the number of rotors of the modules for which the search is compiled."""
+SHARE = 1 / ROTORS
+"""Weight that a rotor at input 1 carries [m g]."""
 HALF_TURN = math.pi * (1 + 1e-12)
 """Limit of the root's angles: slightly above pi, which is not a float [rad]."""
 SUM_ROUNDING = 1e-11
@@ -87,7 +91,7 @@ class Loads(NamedTuple):
     g: Array
     weight: Array
     dead_rotor: Indices
-    """Dead rotor of each load case, 4 i + q, or -1, shape (K,)."""
+    """Dead rotor of each load case, r i + q, or -1, shape (K,)."""
     condition_inverse: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
 
@@ -149,7 +153,7 @@ class BranchProblem(NamedTuple):
     bodies: Array
     """Mass of each module with its joints over the mean, and moments along the module's x and y, shape (n, 3)."""
     rotor_torques: Array
-    """Torque of each rotor about its module's centre at unit thrust, in the module's frame, shape (4, 3)."""
+    """Torque of each rotor about its module's centre at unit thrust, in the module's frame, shape (r, 3)."""
     l_c: float
     u_min: float
     u_max: float
@@ -172,7 +176,8 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
     tree, mass = _tree(topology), masses(module, task.end_effector, topology)
     bodies = np.column_stack([mass.modules, mass.modules[:, None] * mass.centres]) * n / mass.bodies
-    levers = _levers(tree, l_c, drag, bodies)
+    rotors = module.rotor_table
+    levers = _levers(tree, l_c, float(rotors.distances.max()) + drag, bodies)
     cornered = proof_task(task, problem)
     loads, walls, U = _loads(cornered, mass, unit), _walls(task, unit), task.max_thrust_to_weight
     air, interference = module.envelope, task.search.interference
@@ -202,7 +207,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
             balls=_balls(task, problem) / unit.length,
         ),
         bodies,
-        4 * torque_map(module).T,
+        rotors.torques(drag),
         l_c,
         max(0.0, task.min_thrust_to_weight - U * TOLERANCE),
         U * (1 + TOLERANCE),
@@ -221,7 +226,7 @@ def _balls(task: ResolvedTask, problem: Problem) -> Array:
         return np.empty((0, 4))
     if problem == "solver":
         return np.column_stack(task.part_cover)
-    rotors, ports = ROTOR_DIRECTIONS, PORT_DIRECTIONS
+    rotors, ports = module.rotor_table.positions, PORT_DIRECTIONS
     rims = [(a, out) for a in rotors for out in (a, *(e for e in ports if e @ a > 0))]
     balls = [(*(module.arm_length * a), min(body.rotor_radius, body.rotor_height / 2)) for a in rotors]
     balls += [(*(module.arm_length * a + body.rotor_radius * out), 0.0) for a, out in rims]
@@ -290,15 +295,18 @@ def _tree(topology: Topology) -> TreePaths:
     return TreePaths(parent, port, np.array(topology.kappas), depth, path, first, bolted)
 
 
-def _levers(tree: TreePaths, l_c: float, drag: float, bodies: Array) -> LargestLevers:
-    """Return the distances in the stretched-out tree; hinges are l_c before their modules, the root's axes at 0."""
+def _levers(tree: TreePaths, l_c: float, rotor: float, bodies: Array) -> LargestLevers:
+    """Return the distances in the stretched-out tree; hinges are l_c before their modules, the root's axes at 0.
+
+    `rotor`: distance of a module's rotors from its centre, plus the lever of drag.
+    """
     n = len(tree.parent)
     axis_offset = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
     centre = np.abs(2 * l_c * tree.depth[:, None] - axis_offset)
     body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
     between = np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2]
     centroid = float(body[:, 0].mean())  # the first axis is through the origin
-    return LargestLevers(centre + 1 + drag, centre, body, between, centroid)
+    return LargestLevers(centre + rotor, centre, body, between, centroid)
 
 
 def _loads(task: ResolvedTask, mass: Masses, unit: Units) -> Loads:

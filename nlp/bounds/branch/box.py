@@ -47,7 +47,7 @@ Distances are those of the tree stretched out.
 **Rounding.** Frames are products of at most A + 1 rotations, whose entries have errors of at most 4 eps (eps =
 2^-53: one rounding of each sine, product and sum). So an entry of a frame has an error under 8 (A + 1) eps, a
 position that times the path's length, t under 100 (A + 1) eps (|nu| + |mu| L) with the longest lever L, and t + E
-under six times that, as rho_a < 1/2. psi' <= u_max, and sums of 4 n K + 5 n + 6 K terms have errors of that many
+under six times that, as rho_a < 1/2. psi' <= u_max, and sums of r n K + 5 n + 6 K terms have errors of that many
 eps times the sum of the terms' magnitudes, none of which exceeds u_max (|nu| + |mu| L), sigma L or the magnitudes
 of b . y. For A <= 20 and n K <= 10,000 that is under 8e-12 of these in all. `Slack` allows SUM_ROUNDING = 1e-11 of
 them, and proportionally more for greater n K, in addition to the audit's tolerance, which is 1e-6 of those of y and
@@ -62,7 +62,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import BranchProblem, Indices
+from nlp.bounds.branch.arrays import ROTORS, SHARE, BranchProblem, Indices
 from nlp.bounds.branch.frames import BoxFrames, moment
 from nlp.bounds.branch.multipliers import best_input, lever_sum, residual
 from nlp.bounds.branch.rod import RodChange
@@ -84,13 +84,13 @@ class BoundWorkspace(NamedTuple):
     root_y: Array
     """Multipliers of these in the root's frame at its vertices, shape (8, K, 6)."""
     wrenches: Array
-    """(z, p x z + torque) of every rotor in all frames, shape (frames, 4, 6)."""
+    """(z, p x z + torque) of every rotor in all frames, shape (frames, r, 6)."""
     screws: Array
     """(omega, c x omega) of the hinge before a module, at the first of its two frames, shape (frames, 6)."""
     t: Array
-    """a_j . y_k at all vertices, shape (8, frames, K, 4)."""
+    """a_j . y_k at all vertices, shape (8, frames, K, r)."""
     t_bound: Array
-    """t plus its remainder E, shape (8, frames, K, 4)."""
+    """t plus its remainder E, shape (8, frames, K, r)."""
     force_limit: Array
     """Greatest |nu'| of a load case about every axis, shape (K, A)."""
     module_value: Array
@@ -108,7 +108,7 @@ class BoundWorkspace(NamedTuple):
     omega: Array
     """The root's axes in its frame at its vertices, shape (3, 8, 3)."""
     torque: Array
-    """Torque of each rotor of a module about an axis, shape (4,)."""
+    """Torque of each rotor of a module about an axis, shape (r,)."""
     versine: Array
     """1 - cos rho, shape (A,)."""
     cubic: Array
@@ -116,9 +116,9 @@ class BoundWorkspace(NamedTuple):
     excess: Array
     """Limit on the excess of alpha over its interpolant, times `versine`, shape (K, A)."""
     rotor_slopes: Array
-    """Slope of t by each angle for each rotor of a module, shape (A, 4)."""
+    """Slope of t by each angle for each rotor of a module, shape (A, r)."""
     rotor_losses: Array
-    """Remainder of t by each angle for each rotor of a module, shape (A, 4)."""
+    """Remainder of t by each angle for each rotor of a module, shape (A, r)."""
 
 
 @njit(cache=True)
@@ -128,10 +128,10 @@ def bound_workspace(problem: BranchProblem) -> BoundWorkspace:
     return BoundWorkspace(
         np.zeros(K, np.int64),
         np.zeros((8, K, 6)),
-        np.zeros((count, 4, 6)),
+        np.zeros((count, ROTORS, 6)),
         np.zeros((count, 6)),
-        np.zeros((8, count, K, 4)),
-        np.zeros((8, count, K, 4)),
+        np.zeros((8, count, K, ROTORS)),
+        np.zeros((8, count, K, ROTORS)),
         np.zeros((K, A)),
         np.zeros((8, count)),
         np.zeros((len(problem.tree.parent), 2, 3)),
@@ -140,12 +140,12 @@ def bound_workspace(problem: BranchProblem) -> BoundWorkspace:
         np.zeros(A),
         np.zeros(A),
         np.zeros((3, 8, 3)),
-        np.zeros(4),
+        np.zeros(ROTORS),
         np.zeros(A),
         np.zeros(A),
         np.zeros((K, A)),
-        np.zeros((A, 4)),
-        np.zeros((A, 4)),
+        np.zeros((A, ROTORS)),
+        np.zeros((A, ROTORS)),
     )
 
 
@@ -243,7 +243,7 @@ def _fill_products(problem: BranchProblem, y: Array, box: BoxFrames, count: int,
     for v in range(len(wrenches)):
         z = row(frames_z, v)
         about = cross(row(frames_p, v), z)
-        for q in range(4):
+        for q in range(ROTORS):
             a, b, c = torques[q]
             for l in range(3):
                 wrenches[v, q, l] = frames_z[v, l]
@@ -252,9 +252,9 @@ def _fill_products(problem: BranchProblem, y: Array, box: BoxFrames, count: int,
             for slot in range(count):
                 n0, n1, n2, m0, m1, m2 = root_y[root, slot]
                 force = dot((n0, n1, n2), z)
-                for q in range(4):
+                for q in range(ROTORS):
                     torque = m0 * wrenches[v, q, 3] + m1 * wrenches[v, q, 4] + m2 * wrenches[v, q, 5]
-                    t_values[root, v, slot, q] = 0.25 * (force + torque)
+                    t_values[root, v, slot, q] = SHARE * (force + torque)
     first, parent, port, l_c = problem.tree.first, problem.tree.parent, problem.tree.port, problem.l_c
     for i in range(1, len(parent)):
         h, across = parent[i], frames_y if port[i] % 2 == 0 else frames_x
@@ -308,12 +308,12 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
             for level in range(2 + depth, -1, -1):
                 a = tree.path[i, level]
                 limit = workspace.force_limit[slot, a] + mu * problem.levers.rotor[i, a]
-                excess[slot, level] = 0.25 * versine[a] * limit * outer_sum
+                excess[slot, level] = SHARE * versine[a] * limit * outer_sum
                 outer_sum += math.sqrt(versine[a] * versine[a] + cubic[a] * cubic[a])
-                cubic_loss += 0.25 * limit * cubic[a]
+                cubic_loss += SHARE * limit * cubic[a]
             for root in range(8):
                 for v in range(first[i], first[i + 1]):
-                    for q in range(4):
+                    for q in range(ROTORS):
                         t_bound[root, v, slot, q] = t_values[root, v, slot, q] + cubic_loss
         for level in range(3):
             bit, scale = 4 >> level, versine[level] / math.cos(rho[level])
@@ -322,16 +322,16 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
                     continue
                 upper_vertex, (wx, wy, wz) = root + bit, omega[level, root]
                 for v in range(first[i], first[i + 1]):
-                    for q in range(4):
+                    for q in range(ROTORS):
                         torque[q] = wx * wrenches[v, q, 3] + wy * wrenches[v, q, 4] + wz * wrenches[v, q, 5]
                     axis_force = wx * wrenches[v, 0, 0] + wy * wrenches[v, 0, 1] + wz * wrenches[v, 0, 2]
                     for slot in range(count):
                         n0, n1, n2, m0, m1, m2 = root_y[root, slot]
                         mu_omega = m0 * wx + m1 * wy + m2 * wz
                         parallel = (n0 * wx + n1 * wy + n2 * wz) * axis_force
-                        for q in range(4):
+                        for q in range(ROTORS):
                             t_sum = t_values[root, v, slot, q] + t_values[upper_vertex, v, slot, q]
-                            loss = (0.5 * t_sum - 0.25 * (parallel + mu_omega * torque[q])) * scale
+                            loss = (0.5 * t_sum - SHARE * (parallel + mu_omega * torque[q])) * scale
                             loss += excess[slot, level]
                             loss = max(loss, 0.0)
                             t_bound[root, v, slot, q] += loss
@@ -345,7 +345,7 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
                 v, upper_vertex = first[i] + lower_vertex, first[i] + lower_vertex + bit
                 wx, wy, wz, dx, dy, dz = workspace.screws[first[a - 2] + 2 * (lower_vertex >> (depth - h))]
                 shift = dx * wrenches[v, 0, 0] + dy * wrenches[v, 0, 1] + dz * wrenches[v, 0, 2]
-                for q in range(4):
+                for q in range(ROTORS):
                     torque[q] = wx * wrenches[v, q, 3] + wy * wrenches[v, q, 4] + wz * wrenches[v, q, 5] + shift
                 axis_force = wx * wrenches[v, 0, 0] + wy * wrenches[v, 0, 1] + wz * wrenches[v, 0, 2]
                 for root in range(8):
@@ -353,9 +353,9 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
                         n0, n1, n2, m0, m1, m2 = root_y[root, slot]
                         mu_omega = m0 * wx + m1 * wy + m2 * wz
                         parallel = (n0 * wx + n1 * wy + n2 * wz + m0 * dx + m1 * dy + m2 * dz) * axis_force
-                        for q in range(4):
+                        for q in range(ROTORS):
                             t_sum = t_values[root, v, slot, q] + t_values[root, upper_vertex, slot, q]
-                            loss = (0.5 * t_sum - 0.25 * (parallel + mu_omega * torque[q])) * scale
+                            loss = (0.5 * t_sum - SHARE * (parallel + mu_omega * torque[q])) * scale
                             loss += excess[slot, 3 + h]
                             loss = max(loss, 0.0)
                             t_bound[root, v, slot, q] += loss
@@ -376,8 +376,8 @@ def _least_vertex_value(
             for v in range(first[i], first[i + 1]):
                 total = module_value[root, v]
                 for slot in range(count):
-                    weight, dead_rotor = loads.weight[active[slot]], loads.dead_rotor[active[slot]] - 4 * i
-                    for q in range(4):
+                    weight, dead_rotor = loads.weight[active[slot]], loads.dead_rotor[active[slot]] - ROTORS * i
+                    for q in range(ROTORS):
                         t = t_values[root, v, slot, q]
                         u = best_input(t, weight, u_min, u_max)
                         if q != dead_rotor:
@@ -492,22 +492,22 @@ def add_rotor_gains(problem: BranchProblem, y: Array, box: BoxFrames, workspace:
                 mu_turned, f_turned = cross(mu, omega), cross(f, omega)
                 alpha, beta = dot(f_across, z) + dot(mu_across, T), dot(f_turned, z) + dot(mu_turned, T)
                 versine, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
-                for q in range(4):
+                for q in range(ROTORS):
                     torque = problem.rotor_torques[q]
                     alpha_q = alpha + torque[0] * dot(mu_across, x)
                     alpha_q += torque[1] * dot(mu_across, y_) + torque[2] * dot(mu_across, z)
                     beta_q = beta + torque[0] * dot(mu_turned, x)
                     beta_q += torque[1] * dot(mu_turned, y_) + torque[2] * dot(mu_turned, z)
-                    slopes[level, q] = 0.25 * beta_q
-                    losses[level, q] = 0.25 * (max(alpha_q, 0.0) * versine + abs(beta_q) * cubic)
+                    slopes[level, q] = SHARE * beta_q
+                    losses[level, q] = SHARE * (max(alpha_q, 0.0) * versine + abs(beta_q) * cubic)
             force, mu_x, mu_y, mu_z = dot(_nu_about(nu, mu, p), z), dot(mu, x), dot(mu, y_), dot(mu, z)
-            for q in range(4):
+            for q in range(ROTORS):
                 torque = problem.rotor_torques[q]
-                t = 0.25 * (force + torque[0] * mu_x + torque[1] * mu_y + torque[2] * mu_z)
+                t = SHARE * (force + torque[0] * mu_x + torque[1] * mu_y + torque[2] * mu_z)
                 for level in range(path_length):
                     t += losses[level, q]
                 u = best_input(t, weight, u_min, u_max)
-                if u > 0.0 and problem.loads.dead_rotor[k] != 4 * i + q:
+                if u > 0.0 and problem.loads.dead_rotor[k] != ROTORS * i + q:
                     for level in range(path_length):
                         workspace.slope[path[level]] -= u * slopes[level, q]
                         workspace.loss[path[level]] += u * losses[level, q]

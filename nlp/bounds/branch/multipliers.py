@@ -11,7 +11,7 @@ psi has a kink, on which the method stalls, so smaller weights are raised to MIN
 | symbol | meaning | shape |
 |---|---|---|
 | y_k = (nu_k, mu_k) | multipliers of force and torque of load case k, in W | (K, 6) |
-| a_j | wrench of rotor j at unit input, about the origin of W | (4 n, 6) |
+| a_j | wrench of rotor j at unit input, about the origin of W | (r n, 6) |
 | q | multiplier of the condition: the best end-effector position p'_E | (3,) |
 """
 
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import BranchProblem
+from nlp.bounds.branch.arrays import ROTORS, BranchProblem
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import Vector, add, cross, row
@@ -82,7 +82,7 @@ def newton_workspace(problem: BranchProblem) -> NewtonWorkspace:
         rows[k, 1, 3], rows[k, 1, 5] = g[k, 2], -g[k, 0]
         rows[k, 2, 3], rows[k, 2, 4] = -g[k, 1], g[k, 0]
     return NewtonWorkspace(
-        np.zeros((4 * n, 6)),
+        np.zeros((ROTORS * n, 6)),
         np.zeros((K, 6)),
         np.zeros((6, 6)),
         rows,
@@ -104,14 +104,14 @@ def fill_wrenches(problem: BranchProblem, box: BoxFrames, newton: NewtonWorkspac
     for i in range(n):
         force = row(frames.z, i)
         about = cross(row(frames.p, i), force)
-        for q in range(4):
+        for q in range(ROTORS):
             ox, oy, oz = problem.rotor_torques[q]
             for k in range(3):
                 f, t = 0.0, 0.0
                 for l in range(3):
                     f += R[k, l] * force[l]
                     t += R[k, l] * (about[l] + ox * frames.x[i, l] + oy * frames.y[i, l] + oz * frames.z[i, l])
-                newton.a[4 * i + q, k], newton.a[4 * i + q, 3 + k] = f / 4, t / 4
+                newton.a[ROTORS * i + q, k], newton.a[ROTORS * i + q, 3 + k] = f / ROTORS, t / ROTORS
     total = (0.0, 0.0, 0.0)
     for i in range(n):
         total = add(total, 1.0, moment(frames, i, problem.bodies[i]))

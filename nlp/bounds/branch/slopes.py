@@ -11,7 +11,7 @@ step (iteratively reweighted least squares). Any multipliers will do for a proof
 
 | symbol | meaning | shape |
 |---|---|---|
-| beta_aj | derivative of the wrench of rotor j by angle a, in W | (A, 4 n, 6) |
+| beta_aj | derivative of the wrench of rotor j by angle a, in W | (A, r n, 6) |
 | v_a | derivative of the sum of all B_i (`nlp.bounds.branch.box`) by angle a, in W | (A, 3) |
 """
 
@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import BranchProblem
+from nlp.bounds.branch.arrays import ROTORS, BranchProblem
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.bounds.branch.multipliers import (
     MIN_WEIGHT,
@@ -67,7 +67,7 @@ class Slopes(NamedTuple):
 @njit(cache=True)
 def empty_slopes(n: int, A: int) -> Slopes:
     """Return arrays for n modules and A angles."""
-    return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
+    return Slopes(np.zeros((A, ROTORS * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
 
 
 @njit(cache=True, allocates=False)
@@ -83,7 +83,7 @@ def fill(problem: BranchProblem, box: BoxFrames, newton: NewtonWorkspace, slopes
             velocity = cross(w, add(body, -problem.bodies[i, 0], c))
             for k in range(3):
                 slopes.v[a, k] += velocity[k]
-            for j in range(4 * i, 4 * i + 4):
+            for j in range(ROTORS * i, ROTORS * (i + 1)):
                 beta, (fx, fy, fz, tx, ty, tz) = slopes.beta[a, j], newton.a[j]
                 x, y, z = tx - c[1] * fz + c[2] * fy, ty - c[2] * fx + c[0] * fz, tz - c[0] * fy + c[1] * fx
                 p, q, r = cross(w, (fx, fy, fz))
@@ -148,8 +148,8 @@ def _value(
             u = best_input(t, weight, u_min, u_max)
             if u > 0.0:
                 total -= u * (t - weight * u)
-                for level in range(tree.depth[j // 4] + 3):
-                    a = tree.path[j // 4, level]
+                for level in range(tree.depth[j // ROTORS] + 3):
+                    a = tree.path[j // ROTORS, level]
                     for l in range(6):
                         g[a] -= u * slopes.beta[a, j, l] * y[k, l]
     for a in range(len(rho)):
@@ -172,8 +172,8 @@ def _fill_slope_gradients(problem: BranchProblem, newton: NewtonWorkspace, slope
             u = best_input(product(newton.a, j, y, k), weight, u_min, u_max)
             if u == 0.0:
                 continue
-            for level in range(tree.depth[j // 4] + 3):
-                a, input_slope = tree.path[j // 4, level], 0.0
+            for level in range(tree.depth[j // ROTORS] + 3):
+                a, input_slope = tree.path[j // ROTORS, level], 0.0
                 if u_min < u < u_max:
                     for l in range(6):
                         input_slope += slopes.beta[a, j, l] * y[k, l]

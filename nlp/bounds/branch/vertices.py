@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.bounds.branch.arrays import BranchProblem, Indices
+from nlp.bounds.branch.arrays import ROTORS, BranchProblem, Indices
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input, lever_sum
 from nlp.numbers.kinematics import add, cross, dot, row
@@ -27,13 +27,13 @@ class VertexWorkspace(NamedTuple):
     frame_of_module: Indices
     """Frame of every module at every vertex of the hinges, shape (C, n)."""
     a: Array
-    """Wrenches of a module's rotors in W, shape (8, frames, 4, 6)."""
+    """Wrenches of a module's rotors in W, shape (8, frames, r, 6)."""
     moment: Array
     """B_i, moment of the module's body in W, shape (8, frames, 3)."""
     wall: Array
     """n_r . e_r of the module's rows, 0 for other modules' rows, shape (8, frames, W)."""
     t: Array
-    """a_j . y_k, shape (8, frames, K, 4)."""
+    """a_j . y_k, shape (8, frames, K, r)."""
     module_value: Array
     """Contribution of a module to D, shape (8, frames)."""
     smoothing_excess: Array
@@ -92,10 +92,10 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
     return VertexWorkspace(
         module_of_frame,
         frame_of_module,
-        np.zeros((8, count, 4, 6)),
+        np.zeros((8, count, ROTORS, 6)),
         np.zeros((8, count, 3)),
         np.zeros((8, count, W)),
-        np.zeros((8, count, K, 4)),
+        np.zeros((8, count, K, ROTORS)),
         np.zeros((8, count)),
         np.zeros((8, count)),
         np.zeros(8 * len(frame_of_module)),
@@ -132,11 +132,11 @@ def fill_frames(problem: BranchProblem, box: BoxFrames, workspace: VertexWorkspa
             i, a = workspace.module_of_frame[v], workspace.a[root, v]
             p, x_axis = rotate(R, row(vertices.p, v)), rotate(R, row(vertices.x, v))
             y_axis, z_axis = rotate(R, row(vertices.y, v)), rotate(R, row(vertices.z, v))
-            for q in range(4):
+            for q in range(ROTORS):
                 x, y, z = problem.rotor_torques[q]
                 torque = add(add(add(cross(p, z_axis), x, x_axis), y, y_axis), z, z_axis)
                 for l in range(3):
-                    a[q, l], a[q, 3 + l] = z_axis[l] / 4, torque[l] / 4
+                    a[q, l], a[q, 3 + l] = z_axis[l] / ROTORS, torque[l] / ROTORS
             B = rotate(R, moment(vertices, v, problem.bodies[i]))
             workspace.moment[root, v, 0], workspace.moment[root, v, 1], workspace.moment[root, v, 2] = B
             for r in range(len(walls.offset)):
@@ -173,8 +173,8 @@ def smoothed_value(
                 if not workspace.active[k]:
                     continue
                 weight, force = loads.weight[k], a0 * y[k, 0] + a1 * y[k, 1] + a2 * y[k, 2]
-                dead = loads.dead_rotor[k] - 4 * workspace.module_of_frame[v]
-                for q in range(4):
+                dead = loads.dead_rotor[k] - ROTORS * workspace.module_of_frame[v]
+                for q in range(ROTORS):
                     t = force + a[q, 3] * y[k, 3] + a[q, 4] * y[k, 4] + a[q, 5] * y[k, 5]
                     workspace.t[root, v, k, q] = t
                     if q == dead:

@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from nlp.bounds.branch.arrays import BranchProblem
+from nlp.bounds.branch.arrays import ROTORS, BranchProblem
 from nlp.bounds.branch.frames import BoxFrames
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_input, copy, product, residual
 from nlp.bounds.branch.vertices import MAX_VERTICES, VertexWorkspace, fill_frames, smoothed_value
@@ -59,7 +59,7 @@ class VertexSearch(NamedTuple):
     temperature_decay: float = 0.6
     """Ratio of T between stages."""
     initial_kink_width: float = 0.15
-    """s in the first stage, over the cut / (4 n u_max)."""
+    """s in the first stage, over the cut / (r n u_max)."""
     kink_decay: float = 0.35
     """Ratio of s and of m between stages."""
     initial_barrier: float = 2e-3
@@ -145,7 +145,7 @@ def maximize(
     """
     y, sigma, scale = workspace.y, workspace.sigma, SEARCH.kink_decay**stage
     T, m = SEARCH.initial_temperature * SEARCH.temperature_decay**stage * cut, SEARCH.initial_barrier * scale * cut
-    s = SEARCH.initial_kink_width * scale * cut / (4 * len(problem.tree.parent) * problem.u_max)
+    s = SEARCH.initial_kink_width * scale * cut / (ROTORS * len(problem.tree.parent) * problem.u_max)
     best, minimum, mean = smoothed_value(problem, workspace, y, sigma, T, m, s)
     limit, converged = math.inf, False
     for _ in range(steps):
@@ -309,9 +309,9 @@ def _add_frame(problem: BranchProblem, root: int, v: int, workspace: VertexWorks
         weight, module_gradient, H = problem.loads.weight[k], workspace.module_gradient[root, v, k], workspace.H[k]
         for l in range(6):
             module_gradient[l] = 0.0
-        for q in range(4):
+        for q in range(ROTORS):
             a, t = workspace.a[root, v, q], workspace.t[root, v, k, q]
-            if dead_rotor[k] == 4 * workspace.module_of_frame[v] + q:
+            if dead_rotor[k] == ROTORS * workspace.module_of_frame[v] + q:
                 continue
             if weight == 0.0:
                 length, half = math.sqrt(t * t + s * s), (u_max - u_min) / 2

@@ -39,7 +39,7 @@ class Air {
     const from = Math.max(s, merged) + jet.origin;
     const across = Math.hypot(a, b) / (diameter * jet.half_width * from);
     const share = clip((s - merged) / merges + 1);
-    const far = (share / 4) * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
+    const far = (share / rotors.length) * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
     const g = 1 + z / Math.hypot(radius, z);
     const [delta, area] = [shear * (z + radius), (radius * radius) / g];
     const core = area - (2 / 9) * delta * delta;
