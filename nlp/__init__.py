@@ -9,11 +9,12 @@ from nlp.bounds.branch.proof import prepare as prepare_proof
 from nlp.bounds.branch.proof import prove_chunk
 from nlp.bounds.proofs import prove_impossible
 from nlp.optima import local_optima
+from nlp.rounding import solve_near
 from nlp.solving import default_starts, move_rod, prepare, solve
 from nlp.user_constraints import check_user_constraints, refuse_unusable, refuse_wrong_claims
 
 __all__ = [
     "check_user_constraints", "default_starts", "local_optima", "lower_bound", "move_rod", "prepare",
     "prepare_proof", "proof_root", "prove_chunk", "prove_impossible", "proven_bound", "refuse_unusable",
-    "refuse_wrong_claims", "solve",
+    "refuse_wrong_claims", "solve", "solve_near",
 ]  # fmt: skip

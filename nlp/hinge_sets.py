@@ -48,6 +48,8 @@ class SetSearch(NamedTuple):
     """Largest number of angles on each side of a hinge's angle."""
     max_violation: float = 0.1
     """Largest violation of a free-angle result that is rounded to the set [l_arm, m_t g, l_arm m_t g, rad]."""
+    nearest: int = 4
+    """Number of combinations nearest to a design that Ipopt solves from the design itself."""
     polish: PolishLimits = PolishLimits(stop_after=4, maximum=8)
     """Limits on the combinations that Ipopt makes exact, which may change their order slightly."""
 
@@ -96,7 +98,8 @@ class _Set:
     def neighbours(self, alpha: Array) -> list[Combination]:
         """Return clear combinations near angles alpha (n-1,), or all if they are few.
 
-        A hinge takes one angle on each side of its own, or more if no such combination is clear.
+        A hinge takes one angle on each side of its own, or more if no such combination is clear. If none is, the
+        nearest combination is moved until it is.
         """
         count = len(self._folds)
         if count**self.hinges <= SEARCH.complete_up_to:
@@ -111,27 +114,42 @@ class _Set:
                 sides[hinge] = list(range(max(0, above[hinge] - width), min(count, above[hinge] + width)))
             if combinations := self._clear(product(*sides)):
                 return combinations
-        return []
+        return self._separate(tuple(np.argmin(distance, axis=0).tolist()))
 
     def _clear(self, combinations: Iterable[Combination]) -> list[Combination]:
-        return [combination for combination in combinations if self._is_clear(combination)]
+        return [combination for combination in combinations if self._slack(combination) >= 0]
 
-    def _is_clear(self, combination: Combination) -> bool:
+    def _slack(self, combination: Combination) -> float:
+        """Return by how much the nearest modules exceed their smallest distance [m]."""
         origin, no_inputs = np.zeros(3), np.zeros((0, self._topology.n, 0))
         vectors = Point(self._task, self._topology, origin, self.angles(combination), origin, no_inputs).vectors
-        return all(np.all(requirement.gaps(vectors) >= requirement.margin) for requirement in self._clearances)
+        slacks = (float(np.min(one.gaps(vectors) - one.margin, initial=math.inf)) for one in self._clearances)
+        return min(slacks, default=math.inf)
+
+    def _separate(self, combination: Combination) -> list[Combination]:
+        """Return the clear combination that steepest ascent of the slack reaches; an empty list if none."""
+        slack = self._slack(combination)
+        while slack < 0:
+            best = max(self._steps(combination, 2), key=self._slack)
+            before, slack, combination = slack, self._slack(best), best
+            if slack <= before:
+                return []
+        return [combination]
 
     def moves(self, combination: Combination, at_once: int) -> Iterator[Combination]:
-        """Yield clear combinations with up to `at_once` hinges moved by one angle, or more if moves are few."""
+        """Yield the clear combinations among `_steps`."""
+        return (neighbour for neighbour in self._steps(combination, at_once) if self._slack(neighbour) >= 0)
+
+    def _steps(self, combination: Combination, at_once: int) -> Iterator[Combination]:
+        """Yield combinations with up to `at_once` hinges moved by one angle, or more if moves are few."""
         counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
         max_hinges = max(at_once, sum(count <= SEARCH.complete_up_to for count in counts))
         for hinges in (subset for k in range(1, max_hinges + 1) for subset in combinations(range(self.hinges), k)):
             for steps in product((-1, 1), repeat=len(hinges)):
                 indices = np.array(combination)
                 indices[list(hinges)] += steps
-                in_set = np.all((indices >= 0) & (indices < len(self._folds)))
-                if in_set and self._is_clear(neighbour := tuple(indices.tolist())):
-                    yield neighbour
+                if np.all((indices >= 0) & (indices < len(self._folds))):
+                    yield tuple(indices.tolist())
 
 
 def solve_on_set(
@@ -154,9 +172,9 @@ def solve_on_set(
     """
     if most_effort is not None:
         numbered = [replace(result, start=k) for k, result in enumerate(free)]  # a start may have several results
-        results, _ = _near_optima(task, topology, numbered, constraints, most_effort)
+        results, _ = near_optima(task, topology, numbered, constraints, most_effort)
         return [replace(result, start=free[result.start].start) for result in results]
-    results, starts = _near_optima(task, topology, free, constraints)
+    results, starts = near_optima(task, topology, free, constraints)
     by_start = {}
     for end in free:
         point = replace(end.point, task=task)
@@ -166,7 +184,7 @@ def solve_on_set(
     return list(by_start.values())
 
 
-def _near_optima(
+def near_optima(
     task: ResolvedTask,
     topology: Topology,
     free: Sequence[StartResult],
@@ -272,9 +290,24 @@ def _solve_full(
     angles, free = _Set(task, topology), {result.start: result for result in optima}
 
     def solve(start: int, x: Array, combination: Combination) -> _Solution[StartResult]:
-        point = replace(free[start].point, task=task, root=x[:3], alpha=angles.angles(combination))
-        origin = with_some_corners(correct(point, refit=True), free[start].corners)
-        result = solve_lazily(task, start, origin, constraints)
+        origin = replace(free[start].point, task=task, root=x[:3])
+        result = _solve_from(origin, angles.angles(combination), free[start], constraints)
         return _Solution(start, combination, result.rank[:2], result.point.pack(), result)
 
     return [solution.minimum for solution in _search(angles, optima, solve, MAX_FULL, most_effort or 0.0)]
+
+
+def solve_nearest(
+    task: ResolvedTask, topology: Topology, optimum: StartResult, constraints: UserConstraints = ()
+) -> list[StartResult]:
+    """Return the results of Ipopt from an optimum with the clear combinations nearest to its angles."""
+    angles, alpha, origin = _Set(task, topology), optimum.point.alpha, replace(optimum.point, task=task)
+    nearby = [angles.angles(combination) for combination in angles.neighbours(alpha)]
+    nearest = sorted(nearby, key=lambda turned: float(np.linalg.norm(turned - alpha)))[: SEARCH.nearest]
+    return [_solve_from(origin, turned, optimum, constraints) for turned in nearest]
+
+
+def _solve_from(origin: Point, alpha: Array, free: StartResult, constraints: UserConstraints) -> StartResult:
+    """Return the result of Ipopt with fixed hinges from a point, with the corners of a free-angle optimum."""
+    fitted = correct(replace(origin, alpha=alpha), refit=True)
+    return solve_lazily(origin.task, free.start, with_some_corners(fitted, free.corners), constraints)

@@ -12,6 +12,7 @@ import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras, note
 from topo_search.export.formats import BUILT_IN
+from topo_search.model.search import MIN_STEP_DEG
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,10 +39,9 @@ if TYPE_CHECKING:
 @options.whole_number("--load-case", (0, None), "Load case for --air-speed (default: 0).", metavar="K")
 @options.real_number(
     "--angle-step",
-    (0, 45),
-    "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report the changes.",
+    (MIN_STEP_DEG, 45),
+    "Round the hinge angles of a kit to this step, solve the rest again, audit it and report the changes.",
     metavar="DEG",
-    above=True,
 )
 @options.real_number(
     "--motor-lag",
@@ -87,7 +87,7 @@ def export(
 
     Exit status: 0 written; 1 not written, since a kit or a design with rounded angles is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    from topo_search.compose import audit, brackets_note, read_completed, read_design, round_angles
+    from topo_search.compose import NotClear, audit, brackets_note, read_completed, read_design, round_angles
     from topo_search.export.audits import broken_lines
     from topo_search.export.brackets import require_room
     from topo_search.export.formats import choose, formats, write
@@ -121,9 +121,13 @@ def export(
         if angle_step is None:
             audited = audit(design)
         else:
-            design, audited, notes = round_angles(design, angle_step)
+            try:
+                design, audited, notes = round_angles(design, angle_step)
+            except NotClear as error:
+                note(f"nothing is written: {error}")
+                raise SystemExit(1) from None
         options.echo_lines(notes)
-        if audited.verdict != ts.Status.CLEAR and (chosen.name == "kit" or angle_step is not None):
+        if audited.verdict != ts.Status.CLEAR and chosen.name == "kit":
             for text in broken_lines(audited):
                 note(text)
             note(f"nothing is written: the audit of this design is {audited.verdict}")

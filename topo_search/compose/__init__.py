@@ -10,8 +10,8 @@ from topo_search.compose.designs import (
     plot_platform,
     read_completed,
     read_design,
-    round_angles,
     solve,
     write_report,
 )
+from topo_search.compose.rounding import NotClear, round_angles
 from topo_search.compose.searching import check_proofs, prove, search

@@ -54,12 +54,12 @@ class SolverAndAudit:
     def solve(self, job: Job) -> Design | Infeasible:
         """Solve one topology."""
         outcome = nlp.solve(job.task, job.topology, **self._options(job))
-        return self._mount_rod(job.task, outcome) if isinstance(outcome, Design) else outcome
+        return self.mount_rod(job.task, outcome) if isinstance(outcome, Design) else outcome
 
     def local_optima(self, job: Job, max_effort: float) -> list[Design]:
         """Find the local optima of one topology."""
         designs = nlp.local_optima(job.task, job.topology, most_effort=max_effort, **self._options(job))
-        return [self._mount_rod(job.task, design) for design in designs]
+        return [self.mount_rod(job.task, design) for design in designs]
 
     def audit(self, geometry: Geometry) -> Audit:
         """Audit a design, and evaluate the user's constraints at the poses that the audit computes."""
@@ -83,8 +83,8 @@ class SolverAndAudit:
     def _options(self, job: Job) -> dict[str, Any]:
         return {"starts": job.starts, "seed": job.seed, "near": job.near, "constraints": self.constraints}
 
-    def _mount_rod(self, task: ResolvedTask, design: Design) -> Design:
-        """Return a design with its rod at the best mount, and the task with that rod."""
+    def mount_rod(self, task: ResolvedTask, design: Design) -> Design:
+        """Return a design with its rod at the best mount, for a task with that rod."""
         mount, ignored = verify.choose_mount(design), task.end_effector.rod_mass == "ignored"
         if mount not in (None, design.mount) and not (ignored and task.rod_axis is None):
             # the solver assumes a rod within its limits; if parts or airflow block that, another one is mounted
@@ -104,6 +104,17 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
 
 
 _PLAIN = SolverAndAudit()
+
+
+def solve_near(design: Design, task: ResolvedTask) -> Design | Infeasible | None:
+    """Return the result of `nlp.solve_near`, a design with a mount for its rod and the given design's task."""
+    outcome = nlp.solve_near(design, task)
+    if not isinstance(outcome, Design):
+        return outcome
+    mounted = _PLAIN.mount_rod(design.task, outcome)
+    return mounted.model_copy(update={"stated": design.stated})
+
+
 BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 

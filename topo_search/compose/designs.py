@@ -1,13 +1,12 @@
-"""Single designs: solving, auditing, rounding, brackets; pages and pictures of designs and runs."""
+"""Single designs: solving, auditing, brackets; pages and pictures of designs and runs."""
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import nlp
 import verify
@@ -129,43 +128,6 @@ def with_bound(design: Design, bound: float) -> Design:
     """Return a design with a computed lower bound and its gap: those in a file are not proven."""
     gap = Design.gap_of(design.objective, min(bound, design.objective))
     return design.model_copy(update={"lower_bound": bound, "gap": gap})
-
-
-class Rounded(NamedTuple):
-    """A design with rounded hinge angles."""
-
-    design: Design
-    audit: Audit
-    notes: tuple[str, ...]
-    """Changes by rounding, one sentence each."""
-
-
-def round_angles(design: Design, step_deg: float) -> Rounded:
-    """Round the hinge angles of a design, recompute its inputs and audit it again.
-
-    The root orientation is not rounded: the autopilot holds it, not a bracket.
-
-    Args:
-        design: the design.
-        step_deg: hinge angles become multiples of this step [deg].
-
-    Raises:
-        BadInput: with rounded angles the rotors cannot produce some load case.
-        RuntimeError: an audit failed; the message gives the reason.
-    """
-    from nlp.refit import NotPossible, refit
-
-    angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
-    try:
-        refitted = refit(design, angles)
-    except NotPossible as error:
-        rule = f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step"
-        raise BadInput("--angle-step", rule) from None
-    effort = refitted.objective / design.objective if design.objective else 1.0
-    before, after = audit(design), audit(refitted)
-    rounded = f"Hinge angles are rounded to {step_deg:g} deg and the inputs recomputed"
-    cost = f"{rounded}: control effort {100 * (effort - 1):+.3g} %."
-    return Rounded(refitted, after, (cost, compare_audits(before, after)))
 
 
 def compare_audits(before: Audit, after: Audit) -> str:

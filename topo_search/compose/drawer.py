@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 from topo_search.compose.choosing import choose, count_kinds, excess, ports_of, shared_part
-from topo_search.compose.designs import audits, brackets_note
+from topo_search.compose.designs import brackets_note
 from topo_search.compose.drawer_page import change_lines, drawer_page
+from topo_search.compose.rounding import NotClear, move_hinges
 from topo_search.compose.searching import search
 from topo_search.compose.shared_kit import Brackets, Change, ChosenDesign, SharedKit, Step
-from topo_search.export.brackets import DIGITS, PrintedPart, bracket, bracket_turns
+from topo_search.export.brackets import DIGITS, PrintedPart, bracket
 from topo_search.export.html_page import html_page
 from topo_search.export.kit import write_kit
 from topo_search.export.sheet import STYLE
-from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
+from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.files import to_json, write_atomically
 from topo_search.study import Observer, RunFolder, answer_of
 from topo_search.study.optima import clear_designs
@@ -67,11 +67,17 @@ def kit(
         runs.append(Path(task))
         choices.append(_read_choices(runs[-1], within))
     _require_same_module(runs, choices)
+    reasons = dict[float, str]()
+    for design in (designs[0] for designs in choices):
+        least = min((b - a for a, b in pairwise(design.task.search.hinge_set_deg or ())), default=math.inf)
+        if tolerance_deg >= least:
+            rule = f"must be below {least:g}, by which hinge angles of {design.task.name} differ"
+            raise BadInput("--bracket-tolerance", f"{rule}, but got {tolerance_deg:g}")
     if tolerance_deg:
-        separate, choices = choices, share_brackets(choices, tolerance_deg, within)
-        if choices == separate:
-            note(f"no design is clear with a bracket shared within {tolerance_deg:g} deg")
+        choices, reasons = share_brackets(choices, tolerance_deg, within)
     chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
+    for text in reasons_apart(chosen, reasons, tolerance_deg):
+        note(text)
     shared = _describe(runs, choices, chosen, within)
     for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
         brackets, _ = brackets_note(design)
@@ -90,14 +96,14 @@ def kit(
     return shared
 
 
-def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float) -> list[list[Design]]:
-    """Return the choices, and clear designs with hinge angles of shared brackets in addition.
+def share_brackets(
+    choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float
+) -> tuple[list[list[Design]], dict[float, str]]:
+    """Return the choices, with clear designs for shared brackets in addition, and why sizes of angles have none.
 
     Sizes of angles are grouped from the smallest up, in groups no wider than the tolerance, and replaced by the
-    middle of their group. Root orientation and end-effector stay; the inputs are recomputed.
+    middle of their group. Root orientation, end-effector and inputs are solved again.
     """
-    from nlp.refit import NotPossible, refit  # loads CasADi
-
     sizes = sorted({size for designs in choices for design in designs for size in count_kinds(design)})
     shared, group = dict[float, float](), list[float]()
     for size, next_size in zip(sizes, [*sizes[1:], math.inf], strict=True):
@@ -105,24 +111,35 @@ def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, wi
         if next_size - group[0] > tolerance_deg:
             shared |= dict.fromkeys(group, round((group[0] + group[-1]) / 2, DIGITS))
             group = []
-    result = []
+    result, reasons = [], dict[float, str]()
     for designs in choices:
-        refitted = list[Design]()
+        clear, largest = list[Design](), (1 + within / 100) * designs[0].objective
         for design in designs:
-            if all(shared[size] == size for size in count_kinds(design)):
+            moved_sizes = {size: shared[size] for size in count_kinds(design) if shared[size] != size}
+            if not moved_sizes:
                 continue
-            turns = zip(design.hinge_angles_rad, bracket_turns(design), strict=True)
-            with suppress(NotPossible):
-                angles = [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns]
-                refitted.append(refit(design, angles))
-        largest = (1 + within / 100) * designs[0].objective
-        clear = [
-            design
-            for design, audit in zip(refitted, audits(refitted), strict=True)
-            if isinstance(audit, Audit) and audit.verdict is Status.CLEAR and design.objective <= largest
-        ]
+            angles = {shared[size] for size in count_kinds(design)}
+            try:
+                moved, _ = move_hinges(design, hinge_angles_deg=tuple(angles))
+                if moved.objective > largest:
+                    excess = 100 * (moved.objective / designs[0].objective - 1)
+                    raise NotClear(f"the effort is {excess:.3g} % above the least, more than {within:g} %")
+                clear.append(moved)
+            except NotClear as error:
+                for size, middle in moved_sizes.items():
+                    reasons.setdefault(size, f"with {middle:g} deg in {design.task.name}, {error}")
         result.append(sorted((*designs, *clear), key=lambda design: design.objective))
-    return result
+    return result, reasons
+
+
+def reasons_apart(chosen: Sequence[Design], reasons: Mapping[float, str], tolerance_deg: float) -> Iterator[str]:
+    """Yield why two brackets of a kit that agree within the tolerance are not one."""
+    sizes = sorted({size for design in chosen for size in count_kinds(design)})
+    for low, high in pairwise(sizes):
+        if high - low <= tolerance_deg:
+            other = "each is in the range of another bracket"
+            reason = reasons.get(low, reasons.get(high, other))
+            yield f"brackets of {low:g} and {high:g} deg stay apart: {reason}"
 
 
 def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:

@@ -1,0 +1,80 @@
+"""Designs moved to sets of hinge angles: all else is solved again, and nothing of the task is lost."""
+
+import math
+
+import numpy as np
+import pytest
+from export_cases import random_design
+
+from nlp import solve_near
+from nlp.hinge_sets import _Set
+from topo_search.compose import NotClear, audit, round_angles
+from topo_search.compose.rounding import move_hinges
+from topo_search.model import Design, Status, Topology
+
+
+def on_steps(design: Design, step_deg: float) -> Design:
+    search = design.task.search.any_angle.model_copy(update={"hinge_step_deg": step_deg})
+    return design.model_copy(update={"task": design.task.model_copy(update={"search": search})})
+
+
+def test_its_own_angles_give_the_same_design(solved_push: Design) -> None:
+    rounded, _ = move_hinges(solved_push, hinge_step_deg=0.5)
+    again, audited = move_hinges(rounded, hinge_step_deg=0.5)
+    assert audited.verdict == "clear"
+    assert again.objective == pytest.approx(rounded.objective, rel=1e-4)
+    assert again.hinge_angles_rad == rounded.hinge_angles_rad
+    assert again.task == rounded.task == solved_push.task
+
+
+@pytest.mark.parametrize("step", [0.1, 0.5, 5.0])
+def test_a_rounded_design_is_on_the_step_clear_and_hardly_worse(solved_push: Design, step: float) -> None:
+    rounded, audited, notes = round_angles(solved_push, step)
+    assert audited.verdict == "clear"
+    steps = np.degrees(rounded.hinge_angles_rad) / step
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+    assert 0.999 < rounded.objective / solved_push.objective < 1 + 0.02 * step
+    assert f"rounded to {step:g} deg" in notes[0]
+
+
+def test_angles_whose_modules_are_too_close_are_moved_until_they_are_clear(solved_push: Design) -> None:
+    """No combination of the angles beside those of the design is clear; some a little farther are."""
+    angles = _Set(on_steps(solved_push, 0.1).task, solved_push.topology)
+    nearest = angles.neighbours(np.array(solved_push.hinge_angles_rad))
+    assert nearest
+    assert all(angles._slack(combination) >= 0 for combination in nearest)
+
+
+def test_where_no_step_is_clear_the_answer_is_why() -> None:
+    level = random_design(
+        Topology.from_key("a10"), 5, {"load_cases": [{"end_effector": {"force": [50.0, 0.0, 0.0]}}]}
+    )
+    with pytest.raises(NotClear, match=r"no rounding to 1 deg is clear: .*; nor is one to a smaller step"):
+        round_angles(level, 1.0)
+
+
+def test_of_a_set_only_the_multiples_are_taken(solved_push: Design) -> None:
+    on_set, _ = move_hinges(solved_push, hinge_angles_deg=tuple(2.5 * k for k in range(37)))
+    asked = on_steps(on_set, 2.5)
+    rounded, audited, _ = round_angles(asked, 5.0)
+    assert audited.verdict == "clear"
+    assert {round(math.degrees(alpha), 9) % 5 for alpha in rounded.hinge_angles_rad} == {0.0}
+    uneven = asked.model_copy(
+        update={
+            "task": asked.task.model_copy(
+                update={"search": asked.task.search.any_angle.model_copy(update={"hinge_angles_deg": (7.3, 81.1)})}
+            )
+        }
+    )
+    with pytest.raises(NotClear, match="its task allows no such angle"):
+        round_angles(uneven, 10.0)
+
+
+def test_rotors_that_never_stop_keep_their_least_input(solved_push: Design) -> None:
+    module = solved_push.task.module.model_copy(update={"min_input": 0.002})
+    asked = solved_push.model_copy(update={"task": solved_push.task.model_copy(update={"module": module})})
+    assert solved_push.inputs.min() < asked.task.min_input
+    found = solve_near(asked, on_steps(asked, 0.5).task)
+    assert isinstance(found, Design)
+    assert found.inputs.min() >= asked.task.min_input * (1 - 1e-9)
+    assert all(row.status is Status.CLEAR for row in audit(found).residuals)
