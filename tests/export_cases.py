@@ -29,7 +29,7 @@ def random_design(topology: Topology, seed: int, task: dict[str, Any] | None = N
         root_orientation_rad=tuple(rng.uniform([-3, -1.5, -3], [3, 1.5, 3]).tolist()),
         hinge_angles_rad=tuple(rng.uniform(-1.5, 1.5, n - 1).tolist()),
         end_effector_m=tuple(rng.uniform(-1, 1, 3).tolist()),
-        rotor_speeds_squared=(tuple(rng.uniform(0, u_max, 4 * n).tolist()),),
+        rotor_speeds_squared=(tuple(rng.uniform(0, u_max, resolved.rotor_count).tolist()),),
         objective=1.0,
     )
 

@@ -161,6 +161,18 @@ FEATURES: dict[str, Table] = {
     "rod along an axis": {
         "end_effector": {"rod": "straight", "axis": [0.3, -0.2, 1.0], "within_deg": 35.0, "largest_reach": 0.6}
     },
+    "tilted rotors": {
+        "module": {
+            "rotors": [
+                {"position": [0.1, -0.05, 0.01], "axis": [0.1, 0.2, 1.0], "spin": 1},
+                {"position": [0.02, 0.11, 0.0], "axis": [0.1, -0.1, 1.0], "spin": 1},
+                {"position": [-0.12, -0.01, -0.02], "axis": [-0.2, -0.1, 1.0], "spin": -1},
+                {"position": [-0.03, -0.1, 0.0], "axis": [0.0, 0.0, 1.0], "spin": -1},
+                {"position": [0.06, 0.05, 0.05], "axis": [0.0, 0.0, 1.0], "spin": 1},
+            ],
+            "body": {"rotor_radius": 0.03},
+        }
+    },
     "rod along a force": {"end_effector": {"rod": "straight", "axis": "force"}},
 }
 """What a task can ask for: fields laid over the push task."""
@@ -171,7 +183,7 @@ DISTINCT = (
     *("stand-off in place of exclusion", "peak input", "end-effector at the COM", "least input"),
     *("joint mass, fixed end-effector", "any port", "solid cone", "solid path along the end-effector"),
     *("several solid pieces", "rod beside solid bent paths", "rod in a solid cone within reach"),
-    *("thick rod in a solid ball", "rod along an axis"),
+    *("thick rod in a solid ball", "rod along an axis", "tilted rotors"),
 )
 """Features of which each has rows, or an option, that no other one of these has: what the fast suite looks at."""
 
@@ -232,7 +244,8 @@ def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generato
     p_E = rng.normal(size=3) * 5 * task.module.arm_length
     if task.end_effector.fixed_position is not None:
         p_E = fixed_end_effector(task, topology, root, alpha)
-    return Point(task, topology, root, alpha, p_E, rng.uniform(0.0, task.max_input, (K, n, 4)))
+    u = rng.uniform(0.0, task.max_input, (K, n, task.module.rotor_table.count))
+    return Point(task, topology, root, alpha, p_E, u)
 
 
 def as_design(point: Point) -> Design:

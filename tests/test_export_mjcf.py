@@ -20,6 +20,7 @@ from export_cases import (
     rod_ends,
     with_rod,
 )
+from nlp_cases import FEATURES
 from numpy.typing import NDArray
 from pytransform3d.urdf import UrdfTransformManager
 from suites import few
@@ -198,6 +199,7 @@ def test_a_frame_of_the_modules_own_is_where_its_pieces_are() -> None:
         {"module": {"body": {"inertia": [0.1, 0.7, 0.8]}}},  # a plate: 0.1 + 0.7 < 0.8 in floating point
         {"name": "two--dashes"},  # which a comment in XML may not hold
         {"module": {"thrust_coefficient": 1e-12, "torque_coefficient": 1e-14}},  # inputs of 1e12 rad^2/s^2
+        FEATURES["tilted rotors"],
     ],
 )
 def test_odd_but_valid_tasks_load(task: dict[str, Any]) -> None:

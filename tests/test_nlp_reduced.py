@@ -45,7 +45,7 @@ def evaluated(task, topology, x, rho=RHO):
 def printed_gaps(task, topology):
     """The printed problem's clearances by name, dimensionless, at nearly infinite sharpness: a function of x."""
     printed = problem(task, topology)
-    u = np.zeros(4 * topology.n * len(task.load_cases))
+    u = np.zeros(task.rotor_count * len(task.load_cases))
     stated = [c for c in printed.constraints if "load case" not in c.name]
     rows_of = ca.Function("rows", [printed.variables.vector(), printed.beta], [c.expression for c in stated])
 

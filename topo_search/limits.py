@@ -57,6 +57,8 @@ class Limits:
     """Triangles of a mesh file, after triangulation of polygons; three times as many vertices are allowed."""
     frame_pieces: int = 100
     """Convex pieces of a module's custom frame."""
+    rotors: int = 24
+    """Rotors of a module."""
     frame_triangles: int = 5_000
     """Triangles of all pieces of a module's custom frame."""
 

@@ -51,7 +51,7 @@ def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]
     hub = box("hub", np.zeros(3), np.diag(body.hub) / l_arm / 2)
     arms = [
         box(f"arm {q}", length * axes[0] / 2, np.array([length, width, width])[:, None] * axes / 2)
-        for q, (length, axes) in enumerate(zip(table.distances, table.arm_axes(), strict=True))
+        for q, (axes, length) in enumerate(table.arms())
     ]
     return (hub, *arms), rotors
 

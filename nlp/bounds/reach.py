@@ -270,14 +270,18 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
 def refute_rotors(task: ResolvedTask) -> Refutation | None:
     """Refute two bolted modules whose rotors overlap across the hinge's axis at any angle.
 
-    The axis is l_c from both centres. The outermost rotor extends from `middle` - r to `middle` + r. If all ports
-    have one there and its mirror image, it can only be clear of the opposite one if it ends before the axis or
-    begins beyond it.
+    The axis is l_c from both centres, the rotors of an X extend from `middle` - r to `middle` + r. A rotor can only
+    be clear of the opposite one, its mirror image, if it ends before the axis or begins beyond it.
     """
     module = task.module
     middle, r, l_c = rotor_reach(module), module.body.rotor_radius, module.connector_distance
     overlap = r - abs(middle - l_c)
-    if task.n == 1 or task.body_clearance is None or overlap <= MIN_VIOLATION * (middle + r):
+    if (
+        task.n == 1
+        or module.rotors is not None
+        or task.body_clearance is None
+        or overlap <= MIN_VIOLATION * (middle + r)
+    ):
         return None
     inner, outer = excess_texts(l_c, middle - r)[1], excess_texts(middle + r, l_c)[0]
     return Refutation(

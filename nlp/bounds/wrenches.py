@@ -98,11 +98,14 @@ def refute_lift(task: ResolvedTask) -> Refutation | None:
 def refute_axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Refute forces that span more directions than the thrust axes of one module or of a straight chain.
 
-    One module has one axis; those of a straight chain lie in the plane perpendicular to its parallel hinges.
+    One module has one axis, if its rotors are parallel; those of a straight chain lie in the plane perpendicular to
+    its parallel hinges.
 
     If forces F_k, the rows of F, were all produced to within r along d dimensions, the other singular values of F
     would have sum_{j > d} sigma_j^2 <= K r^2.
     """
+    if task.module.rotor_table.tilt > 0:
+        return None
     if task.n == 1:
         d, reason = 1, "a single module thrusts along one axis"
     elif task.n == 2 or (topology is not None and _is_straight(topology)):
@@ -189,7 +192,11 @@ def refute_failures(task: ResolvedTask) -> Refutation | None:
             f"flight.rotor_out: {size_text(task)} cannot hover with a rotor dead: all others at their limit pull "
             f"with {limit_text} N at most, the weight is {weight_text} N",
         )
-    if n == 1 and module.torque_coefficient >= FORCES.min_drag * module.thrust_coefficient * module.arm_length:
+    if (
+        n == 1
+        and module.rotors is None
+        and module.torque_coefficient >= FORCES.min_drag * module.thrust_coefficient * module.arm_length
+    ):
         return Refutation(
             name,
             1.0,

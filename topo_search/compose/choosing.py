@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from topo_search.export.brackets import bracket_turns
 from topo_search.model import Design
 from topo_search.model.arrays import Array
+from topo_search.topologies.task_symmetry import HALF_TURN, has_symmetry
 
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
@@ -123,17 +124,18 @@ def shared_part(first: Design, second: Design) -> dict[int, int]:
     ports = ports_of(first), ports_of(second)
     sides = [[(i, a, phi) for i, joints in side.items() for a, (*_, phi) in joints.items()] for side in ports]
     largest = {0: 0}
+    same = 2 if has_symmetry(first.task.module, HALF_TURN) else 4  # quarter turns that leave a module as it is
     seen = set[tuple[int, int, int]]()
     for (start, a, angle), (match, b, match_angle) in product(*sides):
         turn = (b - a) % 4
-        if angle != match_angle or turn % 2 or (start, match, turn) in seen:
+        if angle != match_angle or turn % same or (start, match, turn) in seen:
             continue
         part, grown = {start: (match, turn)}, [start]
         for i in grown:
             j, turn = part[i]
             for port, (child, child_port, phi) in ports[0][i].items():
                 joint = ports[1][j].get((port + turn) % 4)
-                if child not in part and joint and joint[2] == phi and (joint[1] - child_port) % 2 == 0:
+                if child not in part and joint and joint[2] == phi and (joint[1] - child_port) % same == 0:
                     part[child] = joint[0], (joint[1] - child_port) % 4
                     grown.append(child)
         seen.update((i, *matched) for i, matched in part.items())

@@ -12,7 +12,7 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from topo_search.model import BadInput, Design
+from topo_search.model import BadInput, Design, Fault
 from topo_search.model.arrays import Array
 from topo_search.model.proven import upper_text
 from verify.air.bound import case_jets
@@ -93,6 +93,9 @@ class _Air:
     """The jets of a design in all load cases, and the box around them."""
 
     def __init__(self, design: Design) -> None:
+        if not design.task.module.rotor_table.is_x:
+            rule = "must be an X for air speeds: the jet model was measured for that"
+            raise BadInput(design.task.name, [Fault("module.rotors", rule)])
         poses = platform(design)
         scene = Scene(design, poses)
         p, z, self._l_arm = poses.p, poses.z, scene.l_arm

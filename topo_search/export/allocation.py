@@ -10,7 +10,7 @@ r"""Data of a platform for flight controllers: forces and torques of rotors, mas
 | w | force, then torque about the COM, in the axes of the task | (6,) | N, N m |
 | u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q, rotor q = 0..3 of module i | (4n,) | rad^2/s^2; N |
 | o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
-| s_j = -(-1)^q | sign of the drag torque along z_j: +1 for a rotor that is clockwise as seen against z_j | | |
+| s_j | sign of the drag torque along z_j: +1 for a rotor that is clockwise as seen against z_j | | |
 | J | inertia about the COM; joints and the end-effector are point masses | (3, 3) | kg m^2 |
 
 In PX4's control allocation the platform is airframe 0, `Multirotor`, whose rotors may point anywhere. Airframe 7,

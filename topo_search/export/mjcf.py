@@ -323,10 +323,13 @@ def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) 
         SubElement(body, "geom", {"class": "hub"})
     for k in range(len(frame or ())):
         SubElement(body, "geom", {"class": "frame", "mesh": f"frame_{k}"})
-    for q, arm in enumerate(arms(module)):
+    for q, (arm, axis) in enumerate(zip(arms(module), module.rotor_table.axes, strict=True)):
         middle = {"pos": numbers(*arm.end / 2), "euler": numbers(arm.azimuth, 0, 0 - arm.elevation)}
-        if frame is None:
-            SubElement(body, "geom", {"class": "arm", **middle})
-        SubElement(body, "geom", {"class": "rotor", "pos": numbers(*arm.end)})
-        SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(*arm.end))
+        if frame is None and arm.length:
+            own = [arm.length / 2, module.body.arm_width / 2, module.body.arm_width / 2]
+            size = {} if arm.length == module.arm_length else {"size": numbers(*own)}
+            SubElement(body, "geom", {"class": "arm", **size, **middle})
+        place = {"pos": numbers(*arm.end)} | ({} if axis[2] == 1 else {"zaxis": numbers(*axis)})
+        SubElement(body, "geom", {"class": "rotor", **place})
+        SubElement(body, "site", {"name": f"module_{i}_rotor_{q}", **place})
     return body

@@ -141,6 +141,8 @@ def frame(module: Module) -> Mesh:
         return join([Mesh(np.array(piece.vertices), np.array(piece.triangles)) for piece in module.body.frame])
     bars, positions = list[Mesh](), module.rotor_table.positions
     for q, arm in enumerate(arms(module)):
+        if not arm.length:
+            continue
         opposite = np.flatnonzero(np.linalg.norm(positions + positions[q], axis=1) < SAME_PLACE)
         if not len(opposite):
             bars.append(box((arm.length, w, w)).move(arm.R, arm.end / 2))

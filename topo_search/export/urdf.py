@@ -34,8 +34,9 @@ from verify.kinematics import platform, rotation
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
-Rotor Q = 0..3 at the squared speed u [rad^2/s^2] exerts the force {k_f!r} u [N] along z of the link
-`module_I_rotor_Q`, and the torque (-1)^(Q + 1) {k_tau!r} u [N m] about it; u is at most {u_max!r}.
+Rotor Q at the squared speed u [rad^2/s^2] exerts the force {k_f!r} u [N] along z of the link
+`module_I_rotor_Q`, and the torque D {k_tau!r} u [N m] about it; u is at most {u_max!r}.
+D is {signs} for Q = 0, 1, ...
 """
 
 
@@ -44,7 +45,8 @@ def urdf(design: Design) -> str:
     task, module, poses = design.task, design.task.module, platform(design)
     robot = Element("robot", name=task.name)
     u_max = module.max_input(task.gravity)
-    comment = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max)
+    signs = ", ".join(f"{drag:+.0f}" for drag in module.rotor_table.drags)
+    comment = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max, signs=signs)
     robot.append(Comment(comment))
     for name in ("MODULE", "ARM", "ROTOR", "END_EFFECTOR"):
         material = SubElement(robot, "material", name=name.lower())
@@ -96,7 +98,8 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
     for arm, turn in zip(arms(module), module.rotor_table.orientations(), strict=True):
         bar = "box", {"size": numbers(arm.length, body.arm_width, body.arm_width)}
-        _shape(link, bar, R @ (arm.end / 2), R @ arm.R, "arm")
+        if arm.length:
+            _shape(link, bar, R @ (arm.end / 2), R @ arm.R, "arm")
         _shape(link, rotor, R @ arm.end, R @ turn, "rotor")
 
 

@@ -36,7 +36,8 @@ class RegionAirflow(Value):
     """Airflow envelope of a module for target regions; default lengths scale with the module."""
 
     start_radius: Positive | None = None
-    """Radius at the module's centre [m]; default: arm_length + rotor_radius, which encloses all slipstreams."""
+    """Radius at the module's centre [m]; default: that between modules and rotor_radius, which encloses all
+    slipstreams."""
     spread_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 10.0
     """Full spreading angle [deg]."""
     reach: Positive | None = None
@@ -52,9 +53,9 @@ class Airflow(Value):
     """Airflow envelope of a module in a task file; default lengths scale with the arm."""
 
     start_radius: Positive | None = None
-    """r_air: radius at the module's centre [m]; default: arm_length."""
+    """r_air: radius at the module's centre [m]; default: it holds all centres of rotors, arm_length in an X."""
     spread_angle_deg: Annotated[float, Field(strict=True, ge=0, le=90)] = 10.0
-    """theta_air: full spreading angle of the jet [deg]."""
+    """theta_air: full spreading angle of the jet; the tilt of `rotors` adds to it on each side [deg]."""
     reach: Positive | None = None
     """Distance from the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
     jet: Annotated[Jet, omit_if(Jet())] = Jet()

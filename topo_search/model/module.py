@@ -34,16 +34,31 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import Field, model_validator
 
+from topo_search.limits import LIMITS
 from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, RegionAirflow, Thrust
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
-from topo_search.model.rotors import RotorTable, x_quadrotor
-from topo_search.model.value import Broken, Location, NonNegative, Omitted, Positive, Value, omit_if
+from topo_search.model.rotors import UP, ModuleRotor, RotorTable, discs_meet, table_of, x_quadrotor
+from topo_search.model.value import (
+    Broken,
+    Location,
+    NonEmpty,
+    NonNegative,
+    Omitted,
+    Positive,
+    Value,
+    at_most,
+    omit_if,
+    show,
+)
 
 AIR_DENSITY = 1.2
 """rho [kg/m^3]."""
+WIDEST_DEG = 90.0
+"""Largest spread of an envelope [deg]."""
 PRECISION = 1e-3
 """Relative difference up to which two values of one quantity agree: the precision of a data sheet."""
 
@@ -54,7 +69,7 @@ class Module(Value):
     mass: Positive = 0.24
     """m [kg]."""
     arm_length: Positive = 0.10
-    """l_arm: distance from the module's centre to a rotor [m]."""
+    """l_arm: distance from the module's centre to a rotor, unless `rotors` says otherwise; unit of lengths [m]."""
     connector_distance: Positive = 0.15
     """l_c: distance from the module's centre to a connector, and minimum radius of the exclusion of p_E [m]."""
     thrust_coefficient: Positive = 3.87e-7
@@ -80,6 +95,8 @@ class Module(Value):
     """Share of a rotor's thrust lost to a wake as fast as its own induced speed; default: blade-element theory."""
     battery_Wh: Omitted[Positive] = None
     """Energy of a module's battery [Wh], from which the audit bounds the endurance."""
+    rotors: Omitted[Annotated[tuple[ModuleRotor, ...], at_most(LIMITS.rotors, "rotors"), NonEmpty]] = None
+    """Rotors; default: four in an X, one arm length from the centre, which turn in alternate senses."""
     airflow: Airflow = Airflow()
     """Airflow envelope."""
     body: Body = Body()
@@ -118,11 +135,40 @@ class Module(Value):
         ]
         rule = f"must be between {low:g} and {high:g}, {least:g} and {largest:g} arm lengths"
         yield from ((field, f"{rule}, but got {size}") for field, size in sizes if not low <= size <= high)
+        yield from self._broken_rotors()
+
+    def _broken_rotors(self) -> Broken:
+        """Yield broken rules about the table of rotors."""
+        if self.rotors is None:
+            return
+        farthest, table = self.connector_distance + self.body.rotor_radius, self.rotor_table
+        for q, rotor in enumerate(self.rotors):
+            if (distance := math.hypot(*rotor.position)) > farthest:
+                rule = f"must be at most connector_distance + body.rotor_radius = {farthest:.4g} m from the centre"
+                yield ("rotors", q, "position"), f"{rule}, but got {show(rotor.position)}, {distance:.4g} m away"
+        if (pair := discs_meet(table, self.body.rotor_radius / self.arm_length)) is not None:
+            first, second = pair
+            apart = math.dist(self.rotors[first].position, self.rotors[second].position)
+            rule = f"must not overlap rotors[{first}]: discs of body.rotor_radius = {self.body.rotor_radius:g} m"
+            yield ("rotors", second, "position"), f"{rule} need more room, but got centres {apart:.4g} m apart"
+        axes = [rotor.axis for rotor in self.rotors]
+        mean = table.axes.sum(axis=0)
+        if table.axes[:, 2].max() <= 0:
+            yield ("rotors",), f"at least one axis must point up, along z, but got {show(axes)}"
+        elif np.linalg.norm(mean / np.linalg.norm(mean) - UP) > PRECISION:
+            text = show([round(x, 4) for x in (mean / np.linalg.norm(mean)).tolist()])
+            yield (
+                ("rotors",),
+                f"the sum of all axes, as unit vectors, must point along z, but points along {text}",
+            )
+        if self.airflow.speed is not None and not table.is_x:
+            rule = "must be left out with rotors other than an X: the jet model was measured for that"
+            yield ("airflow", "speed"), f"{rule}, but got {self.airflow.speed:g}"
 
     @property
     def start_radius(self) -> float:
-        """r_air: radius of the envelope at the module's centre [m]."""
-        return self.airflow.start_radius or self.arm_length
+        """r_air: radius of the envelope at the module's centre, which holds all centres of rotors [m]."""
+        return self.airflow.start_radius or self.arm_length * self.rotor_table.span
 
     @property
     def reach(self) -> float:
@@ -136,7 +182,11 @@ class Module(Value):
     @property
     def envelope(self) -> AirflowEnvelope:
         """Airflow envelope: l_air + r_air + dr_air = reach."""
-        return AirflowEnvelope.of(self.start_radius, self.airflow.spread_angle_deg, self.reach)
+        return AirflowEnvelope.of(self.start_radius, self.spread_deg(self.airflow.spread_angle_deg), self.reach)
+
+    def spread_deg(self, angle_deg: float) -> float:
+        """Return the full spreading angle of an envelope that also holds the jets of tilted rotors [deg]."""
+        return min(angle_deg + 2 * math.degrees(self.rotor_table.tilt), WIDEST_DEG)
 
     @property
     def region_airflow(self) -> FilledAirflow | None:
@@ -144,7 +194,7 @@ class Module(Value):
         regions = self.airflow.regions
         if regions is None:
             return None
-        start = regions.start_radius or self.arm_length + self.body.rotor_radius
+        start = regions.start_radius or self.arm_length * self.rotor_table.span + self.body.rotor_radius
         return FilledAirflow(start, regions.spread_angle_deg, regions.reach or self.reach)
 
     @property
@@ -157,12 +207,14 @@ class Module(Value):
         if self.airflow.speed is not None:
             raise ValueError("`airflow.speed` must have been replaced by its cone-sphere")
         regions = self.region_airflow
-        return self.envelope if regions is None else AirflowEnvelope.of(*regions)
+        if regions is None:
+            return self.envelope
+        return AirflowEnvelope.of(regions.start_radius, self.spread_deg(regions.spread_angle_deg), regions.reach)
 
     @property
     def rotor_table(self) -> RotorTable:
         """The module's rotors."""
-        return x_quadrotor()
+        return x_quadrotor() if self.rotors is None else table_of(self.rotors, self.arm_length)
 
     def hover_input(self, gravity: float) -> float:
         """Return the squared rotor speed at which thrusts add up to the module's weight [rad^2/s^2]."""
@@ -223,6 +275,8 @@ class Module(Value):
 
     def resolve(self) -> Module:
         """Return the module with every default filled in, each quantity in a single form."""
+        if self.rotors is not None and self.rotor_table.is_same_as(x_quadrotor()):
+            return self.model_copy(update={"rotors": None}).resolve()
         lengths: dict[str, Any] = {"start_radius": self.start_radius, "reach": self.reach}
         if (filled := self.region_airflow) is not None:
             lengths["regions"] = RegionAirflow(**filled._asdict())
@@ -242,6 +296,8 @@ def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:
     All parts have the same density, such that their mass is the module's; overlaps count twice. By the fourfold
     symmetry of arms and rotors only the hub can make Ixx and Iyy differ.
     """
+    if module.rotors is not None:
+        return _inertia_of_table(module)
     body, l_arm, rotors = module.body, module.arm_length, module.rotor_table.count
     hx, hy, hz = body.hub
     w = body.arm_width
@@ -258,3 +314,21 @@ def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:
         m_hub * (hx * hx + hz * hz) / 12 + arms_xy + rotors_xy,
         m_hub * (hx * hx + hy * hy) / 12 + arms_across + rotors_z,
     )
+
+
+def _inertia_of_table(module: Module) -> tuple[float, float, float]:
+    """Return the same for a table of rotors: their products of inertia are left out."""
+    body, rotors = module.body, module.rotor_table
+    hx, hy, hz = body.hub
+    w, r, h = body.arm_width, body.rotor_radius, body.rotor_height
+    lengths, positions = module.arm_length * rotors.distances, module.arm_length * rotors.positions
+    disc = math.pi * r * r * h
+    density = module.mass / (hx * hy * hz + float(lengths.sum()) * w * w + rotors.count * disc)
+    moments = density * hx * hy * hz * np.array([hy * hy + hz * hz, hx * hx + hz * hz, hx * hx + hy * hy]) / 12
+    for length, along, position, axis in zip(lengths, rotors.directions, positions, rotors.axes, strict=True):
+        bar, square = density * length * w * w, position**2
+        moments += bar * (w * w / 6 * along**2 + (w * w + length * length) / 12 * (1 - along**2))
+        moments += (bar / 4 + density * disc) * (square.sum() - square)
+        moments += density * disc * (r * r / 2 * axis**2 + (3 * r * r + h * h) / 12 * (1 - axis**2))
+    x, y, z = moments.tolist()
+    return x, y, z

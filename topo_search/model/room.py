@@ -129,8 +129,19 @@ def bracket_obstacle(module: Module) -> str | None:
 
 
 def rotor_reach(module: Module) -> float:
-    """Return the largest distance of a rotor's centre from the module's, towards any port [m]."""
-    return float(module.arm_length * module.rotor_table.along_ports.max())
+    """Return how far rotors reach from the module's centre towards any port, less their radius [m]."""
+    body, rotors = module.body, module.rotor_table
+    steep = np.abs(rotors.axes @ PORT_DIRECTIONS.T)
+    disc = body.rotor_radius * (np.sqrt(1 - np.minimum(steep, 1.0) ** 2) - 1) + body.rotor_height / 2 * steep
+    return float((module.arm_length * rotors.along_ports + disc).max())
+
+
+def _rotor_top(module: Module) -> float:
+    """Return the largest distance of a point of a rotor from the module's plane [m]."""
+    body, rotors = module.body, module.rotor_table
+    upright = np.minimum(np.abs(rotors.axes[:, 2]), 1.0)
+    disc = body.rotor_radius * np.sqrt(1 - upright**2) + body.rotor_height / 2 * upright
+    return float((np.abs(module.arm_length * rotors.positions[:, 2]) + disc).max())
 
 
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
@@ -145,7 +156,7 @@ def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
     """
     body = module.body
     d = module.connector_distance - rotor_reach(module) - body.rotor_radius - margin
-    rotor = math.atan2(body.rotor_height / 2 + margin, d)
+    rotor = math.atan2(_rotor_top(module) + margin, d)
     return min(math.pi / 2, math.pi - rotor - max(rotor, _elevation(module, max(d, 0.0))))
 
 
@@ -211,12 +222,22 @@ class _Part:
     corners: Array
     """Shape (k, 3) [m]."""
     radius: float = 0.0
-    """Radius of the discs, across z [m]."""
+    """Radius of the discs, across the line between two corners [m]."""
+
+    @functools.cached_property
+    def axis(self) -> Array:
+        """Axis of the discs, shape (3,)."""
+        along = self.corners[-1] - self.corners[0]
+        return np.asarray(along / np.linalg.norm(along))
 
     @property
     def rho(self) -> float:
         """Largest distance of the part's points from the hinge axis [m]."""
-        return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
+        x, z = np.abs(self.corners[:, 0]), np.abs(self.corners[:, 2])
+        if self.radius:
+            ax, _, az = np.minimum(np.abs(self.axis), 1.0)
+            x, z = x + self.radius * math.sqrt(1 - ax * ax), z + self.radius * math.sqrt(1 - az * az)
+        return float(np.hypot(x, z).max())
 
     @property
     def ball(self) -> tuple[Array, float]:
@@ -227,13 +248,17 @@ class _Part:
     def support(self, u: Array, turn: Array) -> Array:
         """Return the support function max u . x for u (m, k, 3), with the part turned about y by angles (m,)."""
         u = _turn(u, -turn[:, None])
-        return np.asarray((u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1]))
+        farthest = (u @ self.corners.T).max(axis=-1)
+        if self.radius:
+            x, y, z = np.moveaxis(u - (u @ self.axis)[..., None] * self.axis, -1, 0)
+            farthest = farthest + self.radius * np.hypot(np.hypot(x, y), z)
+        return np.asarray(farthest)
 
 
 def _search_clear_folds(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
     pairs = _pairs(module)
-    symmetric = module.body.frame is None  # hubs, arms and rotors are symmetric about z = 0
+    symmetric = module.body.frame is None and module.rotors is None  # hub, arms and rotors are mirrored by z = 0
 
     def slack(phi: Array, h: float) -> tuple[Array, float]:
         """Return the least clearance of all pairs over the largest possible loss in the interval."""
@@ -475,7 +500,7 @@ def _pieces(module: Module) -> list[_Box]:
         return result
     boxes = [(np.zeros(3), np.eye(3), np.array(body.hub) / 2)]
     rotors = module.rotor_table
-    for axes, length in zip(rotors.arm_axes(), l_arm * rotors.distances, strict=True):
+    for axes, length in rotors.arms(l_arm):
         boxes.append((length / 2 * axes[0], axes, np.array([length, width, width]) / 2))
     return [_Box(centre, axes, half, axes[:1], (half + axes @ centre)[:1]) for centre, axes, half in boxes]
 
@@ -503,8 +528,9 @@ def _airflow_clearance(module: Module, phi: Array) -> Array:
     """Return the least clearance of all parts from the neighbour's airflow over all ports, shape (t,) [m]."""
     air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
     rotors, axes = module.arm_length * module.rotor_table.positions, module.rotor_table.axes
-    # without a custom frame, opposite ports look the same, and with a square hub all four
-    ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
+    # by default opposite ports look the same, and with a square hub all four
+    own = body.frame is not None or module.rotors is not None
+    ports = PORT_DIRECTIONS if own else PORT_DIRECTIONS[: 2 - (body.hub[0] == body.hub[1])]
     sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
     o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
     d = air.length * (sine * ports - cosine * UP)

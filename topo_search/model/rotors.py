@@ -7,21 +7,48 @@ Solver, audit and exports read it; nothing else says how many rotors a module ha
 | q | number of a rotor, 0 to r - 1 | | |
 | delta_q | its position | (3,) | l_arm |
 | a_q | direction of its thrust | (3,) | |
+| z, tilt | axis of the module, along the sum of all a_q; largest angle of an a_q with it | (3,), | , rad |
 | k_f, k_tau | thrust and drag torque of a rotor over its input | | N s^2, N m s^2 |
 """
 
 from __future__ import annotations
 
 import functools
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model.value import Broken, Value, Vector
 
 UP = read_only([0.0, 0.0, 1.0])
+SAME = 1e-9
+"""Largest difference of two positions that count as one [l_arm], and of two directions."""
+
+X_ERROR = 1e-3
+"""Largest deviation of rotors from an X [l_arm], [rad]: the precision of a data sheet."""
+PROJECTIONS, NEAR = 200, 1e-3
+"""Number of projections onto each of two discs, and distance at which they count as meeting [radius]."""
+
+
+class ModuleRotor(Value):
+    """Rotor of a module, a table of `[[module.rotors]]`."""
+
+    position: Vector
+    """From the module's centre, in its axes [m]."""
+    axis: Vector = (0.0, 0.0, 1.0)
+    """Direction of its thrust, of any length."""
+    spin: Literal[-1, 1]
+    """1: counter-clockwise seen from the side that the thrust points to; -1: clockwise."""
+
+    def _broken_rules(self) -> Broken:
+        if not math.hypot(*self.axis) > 1e-12:
+            yield "axis", "must have a direction, but got the zero vector"
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +92,12 @@ class RotorTable:
         return np.abs(np.roll(self.along_ports, 1, axis=1))
 
     @property
+    def span(self) -> float:
+        """Largest distance of a rotor's centre from the module's axis, 1 for an X [l_arm]."""
+        heights = self.distances * self.directions[:, 2]
+        return float(np.sqrt(self.distances**2 - heights**2).max())
+
+    @property
     def heights(self) -> Array:
         """Distances of the discs from the module's centre along their axes, shape (r,) [l_arm]."""
         return np.asarray(np.sum(self.positions * self.axes, axis=1))
@@ -82,6 +115,36 @@ class RotorTable:
         """
         return np.asarray(np.cross(self.positions, self.axes) + (drag * self.drags)[:, None] * self.axes)
 
+    @property
+    def tilt(self) -> float:
+        """Largest angle of a rotor's axis with the module's [rad]."""
+        return float(np.arccos(np.clip(self.axes[:, 2], -1.0, 1.0)).max())
+
+    def is_same_as(self, other: RotorTable) -> bool:
+        """Return whether both have the same rotors in the same order."""
+        mine, its = (np.column_stack([table.positions, table.axes, table.drags]) for table in (self, other))
+        return mine.shape == its.shape and bool(np.abs(mine - its).max() <= SAME)
+
+    @property
+    def is_x(self) -> bool:
+        """True for four parallel rotors in an X, for which the jet model was measured; whatever their spins."""
+        X = x_quadrotor()
+        return self.count == X.count and bool(
+            np.allclose(self.positions, X.positions, rtol=0.0, atol=X_ERROR) and self.tilt <= X_ERROR
+        )
+
+    @property
+    def is_flat_quadrotor(self) -> bool:
+        """True for four rotors along the module's axis, no farther than l_arm from its centre."""
+        return self.count == x_quadrotor().count and bool(self.tilt <= SAME and self.distances.max() <= 1 + SAME)
+
+    def has_symmetry(self, Q: Array) -> bool:
+        """Return whether a turn or a mirror maps the rotors onto each other; a mirror reverses spins."""
+        images = self.images(Q)
+        moved, turned = self.positions @ Q.T - self.positions[images], self.axes @ Q.T - self.axes[images]
+        same_spins = np.linalg.det(Q) * self.drags - self.drags[images]
+        return all(bool(np.abs(part).max() <= SAME) for part in (moved, turned, same_spins))
+
     def images(self, Q: Array) -> NDArray[np.intp]:
         """Return the rotor that each one falls on if the module is turned or mirrored by Q, shape (r,)."""
         moved = self.positions @ Q.T
@@ -91,9 +154,15 @@ class RotorTable:
         """Return the smallest rotation from z to each axis, shape (3, 3) each."""
         return [_tilt(axis) for axis in self.axes]
 
-    def arm_axes(self) -> list[Array]:
-        """Return the axes of every arm as rows: along it, sideways, and upwards; shape (3, 3) each."""
-        return [np.stack([along, np.cross(UP, along), UP]) for along in self.directions]
+    def arms(self, l_arm: float = 1.0) -> list[tuple[Array, float]]:
+        """Return the axes of every arm as rows, along it, sideways and upwards, (3, 3), and its length.
+
+        A rotor at the module's centre has no arm.
+        """
+        lengths = (l_arm * self.distances).tolist()
+        return [
+            (_arm_axes(along), length) for along, length in zip(self.directions, lengths, strict=True) if length
+        ]
 
 
 def _tilt(axis: Array) -> Array:
@@ -102,6 +171,52 @@ def _tilt(axis: Array) -> Array:
         return np.diag([1.0, -1.0, -1.0])
     V = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with UP x axis
     return np.asarray(np.eye(3) + V + V @ V / (1 + z))
+
+
+def _arm_axes(along: Array) -> Array:
+    x, y, z = along
+    if z == 0.0:
+        return np.stack([along, np.cross(UP, along), UP])
+    side = np.array([-y, x, 0.0]) / math.hypot(x, y) if math.hypot(x, y) > SAME else np.array([0.0, 1.0, 0.0])
+    return np.stack([along, side, np.cross(along, side)])
+
+
+@functools.lru_cache(maxsize=64)
+def table_of(rotors: Sequence[ModuleRotor], l_arm: float) -> RotorTable:
+    """Return rotors as a table; a rotor at the module's centre has an arm of no length along x."""
+    positions = np.array([rotor.position for rotor in rotors]) / l_arm
+    axes = np.array([rotor.axis for rotor in rotors])
+    distances = np.linalg.norm(positions, axis=1)
+    at_centre = distances <= SAME
+    directions = (
+        np.where(at_centre[:, None], [1.0, 0.0, 0.0], positions) / np.where(at_centre, 1.0, distances)[:, None]
+    )
+    axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    drags = [-rotor.spin for rotor in rotors]
+    return RotorTable(*map(read_only, (directions, np.where(at_centre, 0.0, distances), axes, drags)))
+
+
+def discs_meet(rotors: RotorTable, radius: float) -> tuple[int, int] | None:
+    """Return the numbers of two rotors whose discs, of a radius in l_arm, have a point in common; None without any.
+
+    Alternating projections onto two convex sets converge to their nearest points.
+    """
+    for first, second in itertools.combinations(range(rotors.count), 2):
+        if np.linalg.norm(rotors.positions[first] - rotors.positions[second]) >= 2 * radius:
+            continue
+        x = y = rotors.positions[first]
+        for _ in range(PROJECTIONS):
+            y = _onto_disc(rotors, second, radius, x)
+            x = _onto_disc(rotors, first, radius, y)
+        if np.linalg.norm(x - y) <= NEAR * radius:
+            return first, second
+    return None
+
+
+def _onto_disc(rotors: RotorTable, q: int, radius: float, x: Array) -> Array:
+    centre, axis = rotors.positions[q], rotors.axes[q]
+    across = x - centre - (x - centre) @ axis * axis
+    return np.asarray(centre + min(1.0, radius / max(float(np.linalg.norm(across)), 1e-300)) * across)
 
 
 @functools.cache

@@ -78,8 +78,16 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "figure of merit", f"{figures(merit, 3)}, with rotors of {length(module.body.rotor_radius)} radius"
     propeller = "of propellers: thrust / (rho (revolutions / s)² diameter⁴)"
     yield "thrust coefficient C_T", f"{figures(C_T, 3)}, {propeller}"
+    if module.rotors is not None:
+        tilt = math.degrees(module.rotor_table.tilt)
+        yield "rotors", f"{module.rotor_table.count}, with axes up to {figures(tilt, 3)}° from the module's"
     kept = "" if 0.9 <= module.jet_momentum <= 1.1 else "; a jet that keeps its momentum has 0.9 to 1.1"
-    yield "momentum of the jet", f"{figures(module.jet_momentum, 3)} of the thrust far below, by airflow.jet{kept}"
+    jet = f"{figures(module.jet_momentum, 3)} of the thrust far below, by airflow.jet{kept}"
+    measured = module.rotor_table.is_x
+    yield (
+        "momentum of the jet",
+        jet if measured else "unknown, as are air speeds: it was measured for an X",
+    )
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
     yield "rotor tip speed", "{} m/s at hover, {} m/s at full thrust".format(*tips)
     if module.min_input:
@@ -92,9 +100,11 @@ def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "radius at the module", f"{figures(envelope.start_radius)} m"
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of the axis", f"{figures(envelope.length)} m"
-    yield "full spreading angle", f"{figures(task.module.airflow.spread_angle_deg)}°"
+    spread = task.module.spread_deg(task.module.airflow.spread_angle_deg)
+    yield "full spreading angle", f"{figures(spread)}°"
     if task.exposure and (regions := task.module.region_airflow) is not None:
-        sizes = f"{length(regions.start_radius)} at the module, full angle {figures(regions.spread_angle_deg)}°"
+        angle = figures(task.module.spread_deg(regions.spread_angle_deg))
+        sizes = f"{length(regions.start_radius)} at the module, full angle {angle}°"
         yield "envelope against regions", f"{sizes}, ending {length(regions.reach)} below"
 
 

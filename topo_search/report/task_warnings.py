@@ -99,6 +99,7 @@ USUAL = {
     "module.body.arm_width": (0.001, 1.0),
     "module.body.hub": (0.005, 4.0),
     "module.body.frame.vertices": (0.0, 5.0),
+    "module.rotors.position": (0.0, 5.0),
     "module.airflow.start_radius": (0.1, 10.0),
     "module.airflow.reach": (0.5, 200.0),
     "module.airflow.regions.start_radius": (0.1, 10.0),
@@ -217,7 +218,7 @@ def _rotor(task: Task) -> Doubts:
         )
     if not 0.05 <= (C_T := module.propeller_coefficient(task.air_density)) <= 0.2:
         yield "module.thrust_coefficient", f"C_T {rotors} is {C_T:.3g}, usual are 0.05 to 0.2"
-    if not 0.5 <= module.jet_momentum <= 2:
+    if module.rotor_table.is_x and not 0.5 <= module.jet_momentum <= 2:
         yield (
             "module.airflow.jet",
             f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {rotors}, which should be near "

@@ -136,7 +136,7 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
         "marks": [["tip", poses.end_effector.round(6).tolist()], ["centre of mass", poses.p_com.round(6).tolist()]],
         "modules": _modules(design, poses, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
-        "air": _air(design),
+        "air": _air(design) if design.task.module.rotor_table.is_x else None,
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),

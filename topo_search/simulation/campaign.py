@@ -129,7 +129,7 @@ def fly_all(
     """
     model = nominal(design)
     _require_hover(design, model)
-    wakes = worst_wakes(design) if options.wake else ()
+    wakes = worst_wakes(design) if options.wake and design.task.module.rotor_table.is_x else ()
     options = replace(options, errors=replace(options.errors, wakes=wakes))
     force, d = model.hover.weakest_force()
     rotor, out = hardest_rotor(model), static_failures(model, design.task.flight.rotor_out_torque)

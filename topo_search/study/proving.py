@@ -274,9 +274,12 @@ def refuse_unprovable(request: Request, name: str) -> None:
     """Refuse a task that cannot be proven, before it is searched.
 
     Raises:
-        BadInput: the task has goals or too many modules; `name`: the faulty input.
+        BadInput: the task has goals, too many modules or other rotors; `name`: the faulty input.
     """
     _refuse_goals(request, name)
+    if not request.task.module.rotor_table.is_flat_quadrotor:
+        rule = "must be four along the module's axis, at most arm_length from its centre, for branch and bound"
+        raise BadInput(name, [Fault("module.rotors", f"{rule}; the lower bound holds for any")])
     if (n := request.task.sizes[-1]) > PROOF_LIMITS.modules:
         raise BadInput(name, [Fault("modules", f"must be at most {PROOF_LIMITS.modules} for a proof, but got {n}")])
 

@@ -12,9 +12,9 @@ A task has a mirror symmetry if an improper isometry maps all of its requirement
 | V | corners of a convex target region, unordered | (k, 3) |
 
 The mirror image of a platform is a platform of the same family: that of a module is the module with two opposite
-ports exchanged and the same spin pattern (a mirror in a plane along the thrust axis exchanges two rotors and
-reverses all spins). Its tree is the axis mirror of the tree. So if O maps the task onto itself, both trees have the
-same optimum.
+ports exchanged and the same spin pattern, if its rotors allow that (a mirror in a plane along the thrust axis
+exchanges rotors and reverses all spins). Its tree is the axis mirror of the tree. So if O maps the task onto
+itself, both trees have the same optimum.
 
 Two independent vectors and their images determine a rotation. If all vectors of the task are on one line, rotations
 about it do not matter, and two rotations per image suffice.
@@ -120,12 +120,14 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
 
 @lru_cache(maxsize=16)
 def has_symmetry(module: Module, symmetry: tuple[float, float, float]) -> bool:
-    """True if a custom frame is mapped onto itself, piece by piece; hub, arms and rotors always are.
+    """True if rotors and a custom frame are mapped onto themselves, piece by piece; a hub always is.
 
     Args:
         module: the module.
         symmetry: HALF_TURN or MIRROR.
     """
+    if not module.rotor_table.has_symmetry(np.diag(symmetry)):
+        return False
     corners = [np.array(piece.vertices) for piece in module.body.frame or ()]
     pieces = [_Feature(REGION, (), _clean(V, float(np.abs(V).max())), np.zeros((0, 3))) for V in corners]
     return all(kind.maps_onto_itself(-np.diag(symmetry)) for kind in _kinds(pieces))
@@ -294,7 +296,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         if group == "c1":
             return Resolution(group, True, "with the paper's root no two rooted trees are the same design")
         return Resolution(group, False, "lossy: with the paper's root only the identity is exact")
-    changed = "half a turn changes the module's frame"
+    changed = "half a turn changes the module"
     if exact == "c1" and symmetry != "task" and (group != "c1" or connectors == "any"):
         return Resolution(group, False, f"lossy: {changed}")
     if group == "c1":
@@ -303,7 +305,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
     turns = "turning modules by " + ("180 deg" if connectors == "aligned" else "90 deg, with opposite spin,")
     merged = f"trees that differ only by {turns} are merged"
-    lacking = "the task" if has_symmetry(task.module, MIRROR) else "the module's frame"
+    lacking = "the task" if has_symmetry(task.module, MIRROR) else "the module"
     if group == "c2":
         if symmetry != "task":
             return Resolution(group, True, merged)

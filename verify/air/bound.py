@@ -197,8 +197,10 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 
 
 def air(found: Findings) -> AirSpeeds | None:
-    """Return the air speeds of a design in every load case; None if its numbers are too large."""
+    """Return the air speeds of a design in every load case; None if its numbers are too large, or without an X."""
     scene = found.scene
+    if not scene.design.task.module.rotor_table.is_x:
+        return None
     if not (
         np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.tip]).max() < LARGEST_COORDINATE
     ):
