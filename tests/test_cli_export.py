@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import xml.etree.ElementTree as ElementTree
 from functools import partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from commands import invoke, refused
 from report_cases import design as drawn
 from toy_problem import toy_run
 
+from topo_search import compose
 from topo_search.model import Design, Status, Topology
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json, to_json
@@ -183,6 +185,34 @@ def test_a_kit_says_what_the_audit_found_of_its_brackets(command, kit, tmp_path)
         (tmp_path / "large.json").write_text(to_json(other))
         told = command("large.json", "--format", "kit", "--out", "large", status=status)
         assert found in " ".join(told.stderr.split())
+
+
+def test_no_kit_is_written_whose_brackets_are_not_clear(command, tmp_path, monkeypatch):
+    monkeypatch.setattr(compose, "brackets_note", lambda _: ("Brackets are not clear: change them.", False))
+    told = command(CLEAR, "--format", "kit", "--out", "new", status=1).stderr
+    assert told == "Brackets are not clear: change them.\nnothing is written\n"
+    assert not (tmp_path / "new").exists()
+
+
+def test_brackets_that_are_not_clear_are_told_with_smaller_ones_that_are():
+    design = read_json(Design, CLEAR)
+    found = {}
+    for circle in (0.024, 0.12, 0.2):
+        module = design.task.module.model_copy(update={"bracket": Bracket(bolt_circle=circle)})
+        other = design.model_copy(update={"task": design.task.model_copy(update={"module": module})})
+        found[circle] = compose.brackets_note(other)
+    assert found[0.024][1]
+    for circle in (0.12, 0.2):
+        told, are_clear = found[circle]
+        assert not are_clear
+        table = re.findall(r"search again with module.bracket = (\{.*\})\.$", told)
+        if table:
+            sizes = Bracket.model_validate(tomllib.loads(f"bracket = {table[0]}")["bracket"])
+            module = design.task.module.model_copy(update={"bracket": sizes})
+            smaller = design.model_copy(update={"task": design.task.model_copy(update={"module": module})})
+            assert compose.brackets_note(smaller)[1]
+        else:
+            assert "nor are smaller ones" in told
 
 
 def test_parts_of_the_kit_are_exported_alone(command, kit, tmp_path):

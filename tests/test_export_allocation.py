@@ -18,7 +18,16 @@ from export_cases import (
 )
 from wording import says
 
-from topo_search.export.allocation import Allocation, allocation, px4_parameters, px4_warnings, set_points
+from topo_search.export.allocation import (
+    LARGEST_CT,
+    WEAK,
+    Allocation,
+    allocation,
+    ct_factor,
+    px4_parameters,
+    px4_warnings,
+    set_points,
+)
 from topo_search.export.mjcf import mjcf
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.files import read_json, to_json
@@ -124,7 +133,7 @@ def test_the_matrix_is_rebuilt_from_the_parameters(key: str) -> None:
     assert parameters["CA_AIRFRAME"] == 0  # 7 stops motors below 2 % in flight
     assert parameters["CA_METHOD"] == (0 if acts.rank == 6 else 1)
     assert len(parameters) == 3 + ("MPC_THR_HOVER" in parameters) + 8 * len(acts.rotors)
-    B = effectiveness(parameters)
+    B = effectiveness(parameters) / ct_factor(acts)
     thrusts = np.array(acts.thrust_matrix) * acts.rotors[0].largest_thrust_N
     np.testing.assert_allclose(FRD @ B[3:], thrusts[:3], atol=1e-7)
     np.testing.assert_allclose(FRD @ B[:3], thrusts[3:], atol=1e-7)
@@ -149,12 +158,25 @@ def test_thirteen_rotors_and_numbers_out_of_range_are_refused_by_name() -> None:
     four = allocation(random_design(Topology.from_key("a3020"), 7))
     with pytest.raises(BadInput, match=r"at most 12 rotors, but the platform has 16; use allocation.json"):
         px4_parameters(four)
-    strong = random_design(Topology.from_key("a0"), 7, {"module": {"max_thrust_to_weight": 1000.0}})
-    with pytest.raises(BadInput, match=r"CA_ROTOR0_CT: must be between 0 and 100 in PX4, but got 588"):
-        px4_parameters(allocation(strong))
     drags = random_design(Topology.from_key("a0"), 7, {"module": {"torque_coefficient": 1e-6}})
     with pytest.raises(BadInput, match=r"CA_ROTOR3_KM: must be between -1 and 1"):
         px4_parameters(allocation(drags))
+
+
+@pytest.mark.parametrize(("mass", "ratio"), [(0.01, 2.0), (0.035, 2.5), (0.24, 2.5), (1.2, 1000.0)])
+def test_thrust_coefficients_are_scaled_until_px4_counts_every_direction(mass: float, ratio: float) -> None:
+    module = {"mass": mass, "max_thrust_to_weight": ratio}
+    level = random_design(Topology.from_key("a0"), 7, {"module": module, "end_effector": {"mass": 0.0}})
+    acts = allocation(level.model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)}))
+    G, factor = effectiveness(read(px4_parameters(acts))), ct_factor(acts)
+    assert np.all(np.abs(G[[0, 1, 2, 5]]).max(axis=1) > WEAK)
+    assert np.abs(G[5]).max() == pytest.approx(factor * acts.rotors[0].largest_thrust_N)
+    assert np.abs(G[5]).max() <= LARGEST_CT * (1 + 1e-9)
+    assert px4_warnings(acts)[0].startswith("PX4: the platform has rank 4")
+    assert len(px4_warnings(acts)) == 1
+    # what a set-point exerts does not depend on the factor
+    thrusts = acts.rotors[0].largest_thrust_N
+    assert set_points(acts)[5] == pytest.approx(4 * thrusts, rel=1e-6)
 
 
 def test_a_set_point_of_one_is_told_in_newtons() -> None:
@@ -182,10 +204,8 @@ def test_a_set_point_of_one_is_told_in_newtons() -> None:
 
 def test_what_px4_cannot_exert_is_named_by_its_direction() -> None:
     level = random_design(Topology.from_key("a0"), 7).model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)})
-    flat, weak = px4_warnings(allocation(level))
+    (flat,) = px4_warnings(allocation(level))
     assert "rank 4 of 6 and cannot exert force x, nor force y" in flat
-    assert "ignores yaw" in weak  # 1.47 N at 8 mm is less than PX4 counts
     two = read_json(Design, Path(__file__).parent / "designs" / "small-force.json")
     assert "rank 5 of 6 and cannot exert +0.47 force x -0.88 force y; " in px4_warnings(allocation(two))[0]
-    for text in (flat, weak):
-        assert text in px4_parameters(allocation(level))
+    assert flat in px4_parameters(allocation(level))

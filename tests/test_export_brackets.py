@@ -14,6 +14,7 @@ import trimesh
 from export_cases import random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
+import verify
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import (
     PrintedPart,
@@ -25,7 +26,8 @@ from topo_search.export.brackets import (
     printed_parts,
     struts,
 )
-from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
+from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note
+from topo_search.export.strength import ACROSS, ALONG, factor, strengths
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.bracket import Bracket
@@ -40,6 +42,8 @@ TREES = [
     *(tree for n in (5, 12) for tree in sample(n, 2, n)),
     *sample(6, 2, 3, connectors="any"),
 ]
+
+DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
 
 
 def read(part: PrintedPart) -> trimesh.Trimesh:
@@ -233,9 +237,47 @@ def test_the_mass_of_a_joint_is_that_of_its_parts_in_a_flat_kit_of_two_modules(f
     assert joint_mass(design.task.module) == pytest.approx(parts, rel=0.01)
 
 
+def test_modules_too_small_for_any_bolt_are_refused_in_words() -> None:
+    tiny = {"mass": 0.002, "arm_length": 0.003, "connector_distance": 0.003, "body": {"rotor_radius": 0.002}}
+    with pytest.raises(BadInput, match=r"too small for its own brackets, whose M1\.6 bolts are the smallest"):
+        printed_parts(random_design(Topology.from_key("a10"), 1, {"module": tiny}))
+
+
+# ---- Strength of brackets: against loads of the audit, and plates and beams by hand.
+
+
+def test_loads_of_brackets_are_those_of_the_audit() -> None:
+    joints = verify.audit(DESIGN).flight.joints  # type: ignore[union-attr]
+    for child, one in enumerate(strengths(DESIGN), start=1):
+        loads = [load for load in joints if load.child == child and load.case != "hover"]
+        assert one.moment_Nm == pytest.approx(max(load.moment_Nm for load in loads), rel=1e-3)
+        assert one.force_N == pytest.approx(max(load.force_N for load in loads), rel=1e-3)
+        assert one.factor > 5
+
+
+@pytest.mark.parametrize("phi", [0.0, -0.8, 1.5])
+def test_the_strength_of_a_bracket_is_that_of_its_flange_and_webs(phi: float) -> None:
+    sizes = Bracket()
+    r, t, w, s = sizes.half_width, sizes.thickness, sizes.wall, sizes.bolt_circle / math.sqrt(8)
+    pulled = factor(sizes, phi, 100.0, 0.0, 0.0)  # 25 N a bolt
+    assert pulled == pytest.approx(ACROSS / (25 * (r - w - s) / (r * t**2 / 6)))
+    thick = sizes.model_copy(update={"thickness": 1.0})  # the webs fail first
+    h = 2 * r * math.cos(phi / 2) + math.sin(abs(phi) / 2)
+    assert factor(thick, phi, 0.0, 1.0, 0.0) == pytest.approx(ALONG / (1.0 / (2 * w * h**2 / 6)))
+    assert factor(sizes, phi, 0.0, 0.0, 0.0) == math.inf
+
+
+def test_weak_brackets_are_warned_of() -> None:
+    bracket = {"bracket": Bracket(thickness=0.0008, wall=0.0005)}
+    weak = DESIGN.model_copy(update={"task": DESIGN.task.with_fields("module", **bracket)})
+    (told,) = strength_note(weak)
+    assert "safety factor of" in told
+    assert "below 2" in told
+    assert not [*strength_note(DESIGN)]
+
+
 # ---- Assembly sheet and parts list, for someone who has only the kit.
 
-DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
 SVG = "{http://www.w3.org/2000/svg}"
 SOLIDS = printed_parts(DESIGN)
 ROWS = parts_list(DESIGN, SOLIDS)

@@ -85,7 +85,7 @@ def export(
     Pictures and parquet need the extra `viz`. The design is audited. If it is not clear, it is exported with a
     warning, but neither as a kit nor with rounded angles.
 
-    Exit status: 0 written; 1 not written, since a kit or a design with rounded angles is not clear; 2 bad input.
+    Exit status: 0 written; 1 not written, since a kit, its brackets or any rounding is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.compose import NotClear, audit, brackets_note, read_completed, read_design, round_angles
     from topo_search.export.audits import broken_lines
@@ -139,6 +139,9 @@ def export(
             notes += (brackets,)
             if not are_clear:
                 note(brackets)
+                if chosen.name == "kit":
+                    note("nothing is written")
+                    raise SystemExit(1)
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if chosen.reads == "folder":
             _write_folder(design, chosen.name, out, notes, physics)

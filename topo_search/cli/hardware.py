@@ -178,12 +178,14 @@ def kit(
     to a thousandth of a degree; the kit has as many of each kind as any one task needs. DIR gets `kit.json`, the
     page `index.html`, the `brackets` to print, a sheet per change and a kit per task.
 
-    Exit status: 0 done; 2 bad input; 3 no common kit, because a run has no clear design.
+    Exit status: 0 done; 1 not written, since brackets are not clear; 2 bad input; 3 no common kit, because a run
+    has no clear design.
     """
     folders = [task for task in tasks if Path(task).is_dir()]
     if folders and (modules or settings):
         raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
     from topo_search.cli.progress import shown_progress
+    from topo_search.compose import NotClear
     from topo_search.compose.drawer import NoCommonKit
     from topo_search.compose.drawer import kit as make_kit
 
@@ -196,7 +198,7 @@ def kit(
                 note=note,
                 **option_values,
             )
-    except NoCommonKit as error:
+    except (NoCommonKit, NotClear) as error:
         note(str(error))
-        raise SystemExit(3) from None
+        raise SystemExit(3 if isinstance(error, NoCommonKit) else 1) from None
     options.echo_answer(shared.model_dump(mode="json"), (*shared.lines, f"the kits are in {out}"))

@@ -13,7 +13,8 @@ import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
+from topo_search.model import Audit, BadInput, Clearance, Design, Fault, Geometry, Status, Task
+from topo_search.model.bracket import Bracket
 from topo_search.model.files import load_json, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
 from topo_search.model.task_file import read_task
@@ -140,24 +141,36 @@ def compare_audits(before: Audit, after: Audit) -> str:
 def brackets_note(design: Design) -> tuple[str, bool]:
     """Return a sentence about the clearance of a kit's brackets from airflow and rotors, as the audit proves it.
 
-    The second value is False if they are not clear. They are audited even if the task has no `[module.bracket]`.
+    The second value is False if they are not clear; the sentence then says what to change. They are audited even if
+    the task has no `[module.bracket]`.
 
     Raises:
         RuntimeError: the audit failed; the message gives the reason.
     """
-    module = design.task.module
-    with_brackets = module.model_copy(update={"bracket": module.bracket_sizes})
-    task = design.task.model_copy(update={"module": with_brackets})
-    kinds = ("bracket-airflow", "bracket-rotor")
-    pairs = [pair for pair in audit(design.model_copy(update={"task": task})).pairs if pair.kind in kinds]
-    if not pairs:
+    sizes = design.task.module.bracket_sizes
+    nearest = _nearest_bracket(design, sizes)
+    if nearest is None:
         return "Brackets: there are no joints, or numbers are too large to audit them.", True
-    nearest = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
     clearance = f"{lower_text(1000 * nearest.analytic_m, 3)} mm"
     if nearest.status is Status.CLEAR:
         text = "Brackets are audited clear of all airflow and rotors; the smallest clearance is"
         return f"{text} {clearance}, {nearest.name}.", True
-    return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status}).", False
+    found = f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status})"
+    for smaller in sizes.smaller:
+        if (pair := _nearest_bracket(design, smaller)) is not None and pair.status is Status.CLEAR:
+            table = ", ".join(f"{name} = {value:g}" for name, value in dict(smaller).items())
+            return f"{found}. Smaller ones are: search again with module.bracket = {{ {table} }}.", False
+    advice = "search again with [module.bracket] in the task, which the audit then judges"
+    return f"{found}, nor are smaller ones: {advice}.", False
+
+
+def _nearest_bracket(design: Design, sizes: Bracket) -> Clearance | None:
+    """Return the smallest clearance of brackets of some sizes, those that are not clear first; None without any."""
+    module = design.task.module.model_copy(update={"bracket": sizes})
+    task = design.task.model_copy(update={"module": module})
+    kinds = ("bracket-airflow", "bracket-rotor")
+    pairs = [pair for pair in audit(design.model_copy(update={"task": task})).pairs if pair.kind in kinds]
+    return min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m), default=None)
 
 
 def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:

@@ -56,6 +56,7 @@ def kit(
     Raises:
         BadInput: a run is not finished, modules differ between tasks, brackets do not fit, or the folder is in use.
         NoCommonKit: a run has no design with a clear audit.
+        NotClear: the brackets of a chosen design are not clear.
     """
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
@@ -78,9 +79,13 @@ def kit(
     chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
     for text in reasons_apart(chosen, reasons, tolerance_deg):
         note(text)
-    shared = _describe(runs, choices, chosen, within)
-    for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
-        brackets, _ = brackets_note(design)
+    shared, clearances = _describe(runs, choices, chosen, within), list[str]()
+    for design in chosen:
+        brackets, are_clear = brackets_note(design)
+        if not are_clear:
+            raise NotClear(f"{design.task.name}: {brackets} Nothing is written.")
+        clearances.append(brackets)
+    for number, (design, entry, brackets) in enumerate(zip(chosen, shared.tasks, clearances, strict=True)):
         changes = [f"{change.words}." for change in shared.changes[number - 1 : number]]
         written = write_kit(design, (out / entry.design).parent, (*changes, brackets))
         for text in (brackets, *written.notes):

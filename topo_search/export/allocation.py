@@ -26,6 +26,9 @@ In PX4's control allocation the platform is airframe 0, `Multirotor`, whose roto
 | G | PX4's matrix from outputs to torques and forces, (6, N) | N m, N |
 | c_i | PX4's normalization of column i of the pseudo-inverse of G | 1/(N m), 1/N |
 
+PX4 uses the ratios of CT alone, but drops weak rows of G. So the CT of light rotors are written larger, all by the
+same factor, until PX4 counts every row; those above its range are written smaller.
+
 In PX4's source (`ActuatorEffectivenessRotors::computeEffectivenessMatrix`) a column of G is
 
 .. math:: (CT \; p \times a - CT \; KM \; a, \;\; CT \; a)
@@ -47,6 +50,7 @@ from pprint import pformat
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
@@ -240,6 +244,9 @@ def allocator_file(design: Design, platform_data: Allocation) -> str:
 
 WEAK = 0.05
 """PX4 drops a row of G unless an entry exceeds this size [N m], [N]."""
+FAINT = 1e-3
+"""Largest entry of a row of G, over that of all torques or forces, up to which PX4 may drop the row."""
+LARGEST_CT = 100.0
 SMALL = 1e-3
 """Size up to which PX4 treats an entry of the pseudo-inverse as zero."""
 AXES = ("roll", "pitch", "yaw", "force x", "force y", "force z")
@@ -256,18 +263,17 @@ def reason_against(platform_data: Allocation) -> str | None:
 
 def px4_warnings(platform_data: Allocation) -> tuple[str, ...]:
     """Return the limits of PX4 with a platform, one sentence each."""
-    G = _px4_matrix(platform_data)
     warnings = []
-    if missing := _missing_directions(G):
+    if missing := _missing_directions(_largest_wrenches(platform_data)):
         warnings.append(
             f"PX4: the platform has rank {platform_data.rank} of 6 and cannot exert {', nor '.join(missing)}; "
             "set-points along these are lost, or cause other forces and torques"
         )
-    weak = [axis for axis, row in zip(AXES, np.abs(G).max(axis=1), strict=True) if SMALL < row <= WEAK]
-    if weak:
+    sizes, counts = _row_sizes(_px4_matrix(platform_data))
+    if weak := [axis for axis, is_weak in zip(AXES, counts & (sizes <= WEAK), strict=True) if is_weak]:
         warnings.append(
-            f"PX4 ignores {' and '.join(weak)}, because no rotor contributes more than {WEAK:g}: multiply all "
-            "CA_ROTORi_CT by the same factor, which changes nothing else"
+            f"PX4 ignores {' and '.join(weak)}, because even with CA_ROTORi_CT of {LARGEST_CT:g} no rotor "
+            f"contributes more than {WEAK:g}"
         )
     side, (least, _) = platform_data.side_acceleration, ACC_HOR
     if platform_data.rank == len(AXES) and side < least:  # others tilt to accelerate
@@ -280,14 +286,14 @@ def px4_warnings(platform_data: Allocation) -> tuple[str, ...]:
 
 def set_points(platform_data: Allocation) -> tuple[float, ...]:
     """Return the effect of a set-point of 1: roll, pitch, yaw [N m], force along x, y, z [N]; 0 if dropped."""
-    G = _px4_matrix(platform_data)
+    G, factor = _px4_matrix(platform_data), ct_factor(platform_data)
     G[np.abs(G).max(axis=1) <= WEAK] = 0.0
     mix = np.linalg.pinv(G, rcond=RANK_TOLERANCE)
     counts = np.maximum(np.count_nonzero(np.abs(mix) > SMALL, axis=0), 1)
     tilt = max(np.sqrt(2 * np.sum(mix[:, k] ** 2) / counts[k]) for k in (0, 1))
     means = [np.abs(column).sum() / max(np.count_nonzero(np.abs(column) > 1e-7), 1) for column in mix.T[3:]]
     scales = (tilt, tilt, mix[:, 2].max(), *means)
-    return tuple(float(p / c) if c > 0 else 0.0 for p, c in zip(np.diag(G @ mix), scales, strict=True))
+    return tuple(float(p / c / factor) if c > 0 else 0.0 for p, c in zip(np.diag(G @ mix), scales, strict=True))
 
 
 def px4_parameters(platform_data: Allocation) -> str:
@@ -300,12 +306,15 @@ def px4_parameters(platform_data: Allocation) -> str:
         raise BadInput("--format px4", rule)
     roll, pitch, yaw, x, y, z = set_points(platform_data)
     hover = platform_data.mass_kg * 9.80665 / z if z > 0 else np.inf  # PX4's gravity [m/s^2]
+    factor = ct_factor(platform_data)
+    scale = "CT newtons" if factor == 1 else f"CT / {factor:.6g} newtons, so that PX4 counts every direction"
     lines = [
         "# Control allocation of a platform whose fixed rotors point in any direction",
         "# Body axes: x as in the task, y and z opposite (forward, right, down); origin: the centre of mass.",
         "# Mount the autopilot there, x along the task's x, or set SENS_BOARD_ROT and EKF2_IMU_POS_*.",
-        "# An output of 1 is the largest thrust of a rotor, CT newtons; PX4 assumes that thrust is proportional to",
-        "# output (THR_MDL_FAC corrects that). Motors are in the order of rotors.csv.",
+        f"# An output of 1 is the largest thrust of a rotor, {scale};",
+        "# PX4 assumes that thrust is proportional to output (THR_MDL_FAC corrects that).",
+        "# Motors are in the order of rotors.csv.",
         "# In PX4 1.17, before rotor limits, a set-point of 1 is:",
         f"# torque {roll:.4g} N m of roll, {pitch:.4g} of pitch, {yaw:.4g} of yaw; "
         f"force {x:.4g} N along x, {y:.4g} along y, {z:.4g} along z",
@@ -324,7 +333,7 @@ def px4_parameters(platform_data: Allocation) -> str:
         lines += [f"1\t1\t{name}\t{min(side, largest):.9g}\t9" for name in ("MPC_ACC_HOR", "MPC_ACC_HOR_MAX")]
     faults = []
     for j, rotor in enumerate(platform_data.rotors):
-        for suffix, value, low, high in _px4_rotor_parameters(rotor):
+        for suffix, value, low, high in _px4_rotor_parameters(rotor, factor):
             name = f"CA_ROTOR{j}_{suffix}"
             if not low <= value <= high:
                 faults.append(Fault(name, f"must be between {low:g} and {high:g} in PX4, but got {value:g}"))
@@ -334,8 +343,26 @@ def px4_parameters(platform_data: Allocation) -> str:
     return "\n".join(lines) + "\n"
 
 
+def ct_factor(platform_data: Allocation) -> float:
+    """Return the factor on the largest thrusts with which they are written as CT."""
+    sizes, counts = _row_sizes(_largest_wrenches(platform_data))
+    needed = WEAK / float(sizes[counts].min())
+    return min(LARGEST_CT / platform_data.rotors[0].largest_thrust_N, 2 * needed if needed >= 1 else 1.0)
+
+
+def _row_sizes(G: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the largest entry of each row of G, and which rows are not faint, both (6,)."""
+    sizes = np.abs(G).max(axis=1)
+    return sizes, sizes > FAINT * np.repeat(sizes.reshape(2, 3).max(axis=1), 3)
+
+
 def _px4_matrix(platform_data: Allocation) -> Array:
     """Return G."""
+    return ct_factor(platform_data) * _largest_wrenches(platform_data)
+
+
+def _largest_wrenches(platform_data: Allocation) -> Array:
+    """Return torque and force of each rotor at its largest thrust, in PX4's body axes, (6, N) [N m, N]."""
     thrusts = np.array([rotor.largest_thrust_N for rotor in platform_data.rotors])
     B = np.array(platform_data.thrust_matrix) * thrusts
     turned = np.array([1.0, -1.0, -1.0])[:, None]
@@ -358,10 +385,10 @@ def _missing_directions(G: Array) -> list[str]:
     ]
 
 
-def _px4_rotor_parameters(rotor: Rotor) -> Iterator[tuple[str, float, float, float]]:
-    """Yield name, value and PX4's range of each parameter of a rotor."""
+def _px4_rotor_parameters(rotor: Rotor, factor: float) -> Iterator[tuple[str, float, float, float]]:
+    """Yield name, value and PX4's range of each parameter of a rotor; `factor` is that on CT."""
     for kind, (x, y, z), limit in (("P", rotor.position_m, 100.0), ("A", rotor.axis, 1.0 + 1e-9)):
         for axis, value in (("X", x), ("Y", -y), ("Z", -z)):
             yield f"{kind}{axis}", value + 0.0, -limit, limit
-    yield "CT", rotor.largest_thrust_N, 0.0, 100.0
+    yield "CT", factor * rotor.largest_thrust_N, 0.0, LARGEST_CT
     yield "KM", rotor.spin * rotor.torque_coefficient / rotor.thrust_coefficient, -1.0, 1.0

@@ -168,6 +168,11 @@ def require_room(module: Module) -> None:
             "must be smaller: `bolt_circle / 2 + bolt_diameter / 2 + thickness + 2 wall < connector_distance` must "
             f"hold, but got {d:.6g} for a connector_distance of {l_c:g}"
         )
+        if module.bracket is None:
+            rule = (
+                "must be stated: the module is too small for its own brackets, whose M1.6 bolts are the smallest; "
+                f"they take {MILLIMETRES * d:.3g} mm of a connector_distance of {MILLIMETRES * l_c:.3g} mm"
+            )
         raise BadInput("the design's task", [Fault("module.bracket", rule)])
 
 

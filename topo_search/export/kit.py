@@ -9,7 +9,7 @@ from typing import NamedTuple
 from topo_search.export.allocation import allocation, allocator_file, px4_parameters, px4_warnings, reason_against
 from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
-from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
+from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.value import BadInput
@@ -36,7 +36,7 @@ class Kit(NamedTuple):
     files: tuple[str, ...]
     """Names in the folder, in the order of writing."""
     notes: tuple[str, ...]
-    """Files that were left out with the reason, limits of PX4, and the mass of all parts."""
+    """Files that were left out with the reason, limits of PX4, the mass of all parts, and weak brackets."""
 
 
 def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: Physics = AS_SEARCHED) -> Kit:
@@ -57,7 +57,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     platform_data, solids = allocation(design), printed_parts(design)
     px4_reason = reason_against(platform_data)
     kit_notes = px4_warnings(platform_data) if px4_reason is None else (f"{PARAMETERS} is left out: {px4_reason}",)
-    kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)))
+    kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)), *strength_note(design))
     contents: dict[str, str | bytes] = {
         ALLOCATION: to_json(platform_data),
         "allocation.csv": platform_data.csv(),

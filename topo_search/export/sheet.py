@@ -16,12 +16,14 @@ from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
 from topo_search.export.html_page import html_page
 from topo_search.export.poses import axis_words, rod_of
+from topo_search.export.strength import ENOUGH, strengths
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.html import paragraph, table
 from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of
 from topo_search.model.module import Module
+from topo_search.model.proven import lower_text
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text
 from topo_search.model.topology import PORT_NAMES
@@ -65,6 +67,7 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
         "<h2>Steps</h2>",
         *_steps(design),
         *_rod(design, design.topology.n, solids),
+        *_strength(design),
         "<h2>The whole platform</h2>",
         *overview(design),
     ]
@@ -108,6 +111,35 @@ def _steps(design: Design) -> Iterator[str]:
             f"{'down' if phi < 0 else 'up'}. Module {i} {slope(a, alpha)}."
         )
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
+
+
+def _strength(design: Design) -> Iterator[str]:
+    """Yield the section on printing the brackets, and on what they carry."""
+    if design.topology.n == 1:
+        return
+    yield "<h2>Printing and strength</h2>"
+    yield paragraph(
+        "Print each bracket lying on one of its two webs, so that layers run along the webs from flange to flange, "
+        "solid. Safety factors are for PLA, the largest load of each joint in the load cases, and an estimate "
+        "without holes, shocks and fatigue. Other materials: multiply by their strength over 50 MPa."
+    )
+    rows = [
+        (step, brackets.bracket_file(abs(phi)), f"{one.force_N:.2f}", f"{one.moment_Nm:.3f}", f"{one.factor:.1f}")
+        for step, (phi, one) in enumerate(
+            zip(brackets.bracket_turns(design), strengths(design), strict=True), start=1
+        )
+    ]
+    yield table(("step", "bracket", "force [N]", "moment [N m]", "safety factor"), rows)
+
+
+def strength_note(design: Design) -> Iterator[str]:
+    """Yield a warning if the weakest bracket has less than the usual safety factor."""
+    weakest = min((one.factor for one in strengths(design)), default=math.inf)
+    if weakest < ENOUGH:
+        yield (
+            f"the weakest bracket, of PLA, has a safety factor of {lower_text(weakest, 2)}, below {ENOUGH:g}: "
+            "print a stronger material, or search again with a larger thickness and wall in [module.bracket]"
+        )
 
 
 def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[str]:
@@ -291,6 +323,8 @@ def _direction(v: Array) -> str:
     return f"[{', '.join(f'{float(x) + 0.0:.3f}' for x in v)}]"
 
 
+SAME_MASS = 0.05
+"""Largest difference of the mass of all parts from that of the search's model, as a share, that is not told."""
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
 ListedPart = tuple[str, int | str, str, str, str, str]
 """Cells of a part, in the order of `COLUMNS`."""
@@ -324,19 +358,18 @@ def parts_list(design: Design, solids: Sequence[PrintedPart]) -> list[ListedPart
 
 
 def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
-    """Return the mass of all parts, that of the search's model, and the task fields that make them agree."""
+    """Return the mass of all parts, that of the search's model, and how to make them agree if they do not."""
     *parts, total, model = rows
+    more = float(total[4]) / float(model[4]) - 1
     note = f"all parts weigh {total[4]} kg, the model of the search {model[4]} kg"
     joints = sum(int(row[1]) for row in parts if row[0] == "bracket")
-    if not joints:
+    if abs(more) <= SAME_MASS or not joints:
         return note
     joining_mass = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
-    fields = []
-    if abs(joining_mass / joints - task.module.joint_mass) > 5e-4:
-        fields.append(f"module.joint_mass={joining_mass / joints:.3g}")
+    settings = [f"--set module.joint_mass={joining_mass / joints:.3g}"]
     if task.end_effector.rod_mass == "ignored":
-        fields.append('end_effector.rod_mass="included"')
-    return f"{note}; to include the parts that join the modules, set {' and '.join(fields)}" if fields else note
+        settings.append("--set 'end_effector.rod_mass=\"included\"'")
+    return f"{note}, off by {100 * abs(more):.2g} %; search again with {' '.join(settings)}"
 
 
 def parts_csv(rows: Sequence[ListedPart]) -> str:

@@ -13,6 +13,7 @@ a wall thickness. So all mating faces of the modules are the same, at l_c - d fr
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 from topo_search.model.value import Broken, Positive, Value
 
@@ -56,6 +57,15 @@ class Bracket(Value):
             thickness=default.thickness * scale,
             wall=default.wall * scale,
         )
+
+    @property
+    def smaller(self) -> Iterator[Bracket]:
+        """Brackets for each smaller metric bolt, largest first, all lengths scaled with its hole, to 0.1 mm."""
+        for hole in reversed(HOLES):
+            if hole < self.bolt_diameter:
+                lengths = (self.bolt_circle, self.thickness, self.wall)
+                circle, thickness, wall = (round(length * hole / self.bolt_diameter, 4) for length in lengths)
+                yield Bracket(bolt_circle=circle, bolt_diameter=hole, thickness=thickness, wall=wall)
 
     def _broken_rules(self) -> Broken:
         if self.bolt_circle / math.sqrt(2) <= 2 * self.bolt_diameter:
