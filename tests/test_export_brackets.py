@@ -300,6 +300,43 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
     assert float(mass) == pytest.approx(joined / 2, abs=5e-4)
 
 
+def test_the_sheet_has_a_picture_of_each_step_and_one_of_the_rod() -> None:
+    page = ElementTree.fromstring(sheet(DESIGN, SOLIDS, ()).split("\n", 1)[1])
+    steps = [svg for svg in page.iter(SVG + "svg") if svg.get("class") == "step"]
+    assert [svg.get("aria-label") for svg in steps] == ["step 1: module 1", "step 2: module 2", "step 3: the rod"]
+    edges = DESIGN.topology.edges()
+    for k, (svg, (_, i, a, b)) in enumerate(zip(steps, edges, strict=False), start=1):
+        labels = [text.text for text in svg.iter(SVG + "text")]
+        assert labels == [str(a), str(b), *map(str, range(k + 1))]  # ports, then modules on top
+        colours = {polygon.get("fill") for polygon in svg.iter(SVG + "polygon")}
+        reds = [x for x in colours if int(x[1:3], 16) > 2 * int(x[5:7], 16)]
+        assert reds  # what is new
+        assert len(reds) < len(colours)  # what was there
+        low_x, low_y, width, height = map(float, svg.get("viewBox").split())
+        for circle in svg.iter(SVG + "circle"):
+            assert low_x <= float(circle.get("cx")) <= low_x + width
+            assert low_y <= float(circle.get("cy")) <= low_y + height
+        assert i == k
+    assert [text.text for text in steps[-1].iter(SVG + "text")][-1] == "E"
+
+
+def test_the_protractor_reads_the_angle_between_the_sides_that_are_named() -> None:
+    page = ElementTree.fromstring(sheet(DESIGN, SOLIDS, ()).split("\n", 1)[1])
+    tables = [[[cell.text or "" for cell in row] for row in table.iter("tr")] for table in page.iter("table")]
+    _, *rows = next(one for one in tables if one[0][-1] == "protractor [deg]")
+    at = platform(DESIGN)
+    for row, (h, i, a, _), alpha in zip(rows, DESIGN.topology.edges(), DESIGN.hinge_angles_rad, strict=True):
+        reading, side = row[4].removesuffix(" sides").split(", ")
+        up = 1 if side == "upper" else -1
+        towards = at.R[h] @ PORT_DIRECTIONS[a]  # from the parent's centre to the joint
+        connector = at.p[h] + DESIGN.task.module.connector_distance * towards
+        away = (at.p[i] - connector) / np.linalg.norm(at.p[i] - connector)
+        between = math.degrees(math.acos(-towards @ away))
+        assert float(reading) == pytest.approx(between, abs=0.06)
+        assert up * (at.R[h][:, 2] @ away) > 0  # on that side the angle is below 180 degrees
+        assert float(row[2]) == pytest.approx(math.degrees(alpha), abs=1e-3)
+
+
 def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
     page = ElementTree.fromstring(sheet(DESIGN, SOLIDS, ()).split("\n", 1)[1])
     text = " ".join("".join(page.itertext()).split())

@@ -1,7 +1,8 @@
 """The assembly sheet, a page to print: conventions, parts, a step per joint, and the whole platform.
 
-The parts list says what to buy, cut and print, with masses and totals. Two views show the whole platform with the
-modules' numbers; distances from each module's centre to three others, and to the tip, serve to check the assembly.
+The parts list says what to buy, cut and print, with masses and totals. A perspective picture shows each step, a
+table the angles to set. Two views show the whole platform with the modules' numbers; distances from each module's
+centre to three others, and to the tip, serve to check the assembly.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
 from topo_search.export.html_page import html_page
 from topo_search.export.poses import axis_words, rod_of
+from topo_search.export.step_picture import step_picture
 from topo_search.export.strength import ENOUGH, strengths
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
@@ -30,12 +32,13 @@ from topo_search.model.topology import PORT_NAMES
 from verify.kinematics import Platform, platform
 
 STYLE = """
+@page { size: A4; margin: 12mm }
 body { font: 11pt/1.35 sans-serif; max-width: 180mm; margin: 10mm auto; color: #111; background: #fff }
 table { border-collapse: collapse; font-size: 9.5pt } th, td { border: 0.3mm solid #999; padding: 1mm 2mm }
 section { display: flex; gap: 6mm; align-items: center; break-inside: avoid; border-top: 0.3mm solid #999 }
-section svg { width: 48mm; flex: none } .convention svg { width: 70mm } h2 { break-after: avoid }
+section svg { width: 40mm; flex: none } .convention svg, section svg.step { width: 75mm } h2 { break-after: avoid }
 section:has(figure) { flex-wrap: wrap } figure { margin: 0 }
-@media print { body { margin: 0 } }
+@media print { body { margin: 0 } tr { break-inside: avoid } }
 """
 CONVENTION = """\
 Place the parent in front of you, with its rotors pulling up. The joint's x axis points from the parent's centre
@@ -45,6 +48,12 @@ therefore lowers the child's far end at ports 0 and 3, and raises it at ports 1 
 shows the joint from the side: parent on the left, its upper side up. Each bracket has one mark hole on the
 parent's flange and two on the child's. Mount it with the mark holes on the upper side of both modules, or on the
 lower side where a step says "mark holes down"."""
+
+
+ABOUT_STEPS = (
+    "A picture shows the platform after its step: what the step adds is dark, what was there before is light. "
+    "White numbers on black are modules, black ones on white the ports that the step joins; E is the tip."
+)
 
 
 def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -> str:
@@ -65,8 +74,10 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
+        paragraph(ABOUT_STEPS),
         *_steps(design),
         *_rod(design, design.topology.n, solids),
+        *_angles(design),
         *_strength(design),
         "<h2>The whole platform</h2>",
         *overview(design),
@@ -110,7 +121,27 @@ def _steps(design: Design) -> Iterator[str]:
             f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {brackets.bracket_file(abs(phi))}, mark holes "
             f"{'down' if phi < 0 else 'up'}. Module {i} {slope(a, alpha)}."
         )
-        yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
+        side_view = joint(design.task.module.bracket_sizes, a, alpha)
+        yield f"<section>{step_picture(design, i + 1)}<div>{paragraph(text)}{side_view}</div></section>"
+
+
+def _angles(design: Design) -> Iterator[str]:
+    """Yield a table of the hinge angles, as a person sets them with a protractor."""
+    if design.topology.n == 1:
+        return
+    yield "<h2>Angles to set</h2>"
+    yield paragraph(
+        "The protractor measures between the two modules' upper sides where the child slopes up, and between their "
+        "lower sides where it slopes down: 180 degrees less the angle of the bracket."
+    )
+    rows = []
+    edges = zip(design.topology.edges(), design.hinge_angles_rad, brackets.bracket_turns(design), strict=True)
+    for step, ((h, i, a, b), alpha, phi) in enumerate(edges, start=1):
+        sides = "either" if phi == 0 else "lower" if phi > 0 else "upper"
+        joined = f"port {a} of module {h} to port {b} of module {i}"
+        angle = f"{math.degrees(alpha) + 0.0:+.{DIGITS}f}"
+        rows.append((step, joined, angle, slope(a, alpha), f"{180 - abs(phi):.1f}, {sides} sides"))
+    yield table(("step", "joint", "hinge angle [deg]", "child", "protractor [deg]"), rows)
 
 
 def _strength(design: Design) -> Iterator[str]:
@@ -155,7 +186,7 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
     (mount,) = (part for part in solids if part.name == "rod mount")
     x, y, z = (poses.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     tilt = axis_words(design.task, (rod.end - rod.start) / rod.length)
-    yield paragraph(
+    text = (
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
         "its bolt. The end-effector of "
@@ -165,6 +196,7 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
         f"{1000 * rod.length * y:.1f} mm to the left (looking outwards), and {1000 * rod.length * z:.1f} mm up."
         + (f" The rod is then {tilt}." if tilt else "")
     )
+    yield f"<section>{step_picture(design, design.topology.n, with_rod=True)}<div>{paragraph(text)}</div></section>"
 
 
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{:.6g} {:.6g} {:.6g} {:.6g}" role="img" aria-label="{}">'
@@ -308,6 +340,10 @@ def _view(design: Design, poses: Platform, across: int, up: int, words: str) -> 
             svg.append(f'<line {line} stroke="{palette.CONNECTOR}" stroke-width="{width:.4g}"/>')
         for u, v in map(project, discs):
             svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
+    if (rod := rod_of(design, poses)) is not None:
+        (x, y), (u, v) = project(rod.start), project(rod.end)
+        line = f'x1="{x:.2f}" y1="{y:.2f}" x2="{u:.2f}" y2="{v:.2f}"'
+        svg.append(f'<line {line} stroke="{palette.END_EFFECTOR}" stroke-width="{2 * width:.4g}"/>')
     u, v = project(poses.end_effector)
     svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
     labels = [*((str(i), p) for i, p in enumerate(poses.p)), ("E", poses.end_effector), ("+", poses.p_com)]
