@@ -98,6 +98,9 @@ def airflow(task: str | None, speed: float, at: str) -> None:
     if task is not None:
         named = enclose_speed(ts.read_task(task))
         module, density, gravity = named.module, named.air_density, named.gravity
+        if not module.rotor_table.is_x:
+            rule = "must be an X for air speeds: the jet model was measured for that"
+            raise ts.BadInput(task, [ts.Fault("module.rotors", rule)])
     ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
     thrust = ratio * module.mass * gravity
     thrust_text = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
