@@ -1,11 +1,13 @@
 """Modules with rotors of their own: what solver, audit, counts and exports make of them, and what is refused."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import casadi as ca
 import numpy as np
 import pytest
+from commands import refused
 from nlp_cases import as_design, push, random_point, random_tree
 from scipy.optimize import linprog
 
@@ -16,7 +18,7 @@ from nlp.symbols.platform import wrench_map as symbolic_map
 from nlp.units import Units
 from topo_search.export.allocation import allocation
 from topo_search.model import BadInput, Design, Module, Topology
-from topo_search.model.files import validate
+from topo_search.model.files import to_toml, validate
 from topo_search.model.rotors import x_quadrotor
 from topo_search.model.task import Task
 from topo_search.model.vehicle import read_vehicle
@@ -241,3 +243,11 @@ def test_air_speeds_of_other_rotors_are_refused_and_not_guessed() -> None:
     assert (
         audit(as_design(random_point(push(2), Topology.from_key("a10"), np.random.default_rng(0)))).air is not None
     )
+
+
+def test_what_is_not_known_of_other_rotors_is_refused_by_its_commands(tmp_path: Path) -> None:
+    module = {"rotors": star(10.0), **SMALL}
+    data = {"name": "t", "modules": 2, "module": module, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}]}
+    (file := tmp_path / "t.toml").write_text(to_toml(validate(Task, data, "t")))
+    for words in (("airflow", file, "--speed", "3"), ("run", file, "--prove", "0.1", "--out", tmp_path / "run")):
+        assert "module.rotors: must be" in refused(*words)
