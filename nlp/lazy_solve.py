@@ -68,7 +68,7 @@ def solve_lazily(
         start_result = StartResult(start, result, whole, worst(checks), _labels(point.task))
         if start_result.worst.met:
             return start_result
-        corners = _most_violated(whole, point.task)
+        corners = most_violated(whole, point.task)
         if whole is not reached:
             checks = violations(reached, constraints)
         violated = [check for check in checks if not check.met]
@@ -97,7 +97,7 @@ def with_all_corners(point: Point, task: ResolvedTask, constraints: UserConstrai
     return correct_point(replace(point, task=task, u=u), constraints)
 
 
-def _most_violated(whole: Point, solved: ResolvedTask) -> set[str]:
+def most_violated(whole: Point, solved: ResolvedTask) -> set[str]:
     """Return the labels of the most violated corners outside `solved`, at most one per set."""
     task, labels = whole.task, dict[int, str]()
     if not isinstance(task, CorneredTask):

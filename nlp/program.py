@@ -206,28 +206,23 @@ class AssembledProgram:
         return self.solve(start)
 
     def _round(self, start: Point, limit: float, options: IpoptOptions) -> IpoptResult:
+        program, lower, upper = self.assemble(start, limit)
+        solver, solution = run_ipopt(program, options, start.pack(), lower, upper)
+        return result_of(solver, solution, self._task, self._topology)
+
+    def assemble(self, start: Point, limit: float) -> tuple[AssembledProblem, Array, Array]:
+        """Return the problem with the pairs that are near a point, and bounds that turn no hinge beyond a limit."""
         requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
         program = AssembledProblem(self._task, self._topology, requirements, BETA)
         for kind, selection in self._lazy.items():
             program.append(kind.rows(program, self._task, self._topology, selection))
         if self._constraints:
             program.append(rows_of(self._constraints, self._task, self._topology).derived)
-        solver, functions = _ipopt(program, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
         upper[hinges] = np.minimum(upper[hinges], start.alpha + limit)
-        solution = solver(
-            x0=ca.DM(start.pack()),
-            lbx=ca.DM(lower),
-            ubx=ca.DM(upper),
-            lbg=ca.DM(program.lower),
-            ubg=ca.DM(program.upper),
-        )
-        for function in functions:
-            if function.error is not None:
-                raise function.error
-        return result_of(solver, solution, self._task, self._topology)
+        return program, lower, upper
 
     def _merit(self, point: Point) -> _Merit:
         reason = worst(violations(correct_point(point, self._constraints), self._constraints))
@@ -244,7 +239,28 @@ class _Merit:
     """Effort of a design, else the worst violation."""
 
 
-def _ipopt(assembled: AssembledProblem, options: IpoptOptions) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
+def run_ipopt(
+    program: Any, options: IpoptOptions, start: Array, lower: Array, upper: Array
+) -> tuple[ca.Function, dict[str, ca.DM]]:
+    """Run Ipopt on a problem, and return it with its solution.
+
+    Args:
+        program: an `AssembledProblem`, or another one with its functions and patterns.
+        options: Ipopt's options beyond those of all solves.
+        start: initial values, shape (size,).
+        lower: lower bounds on the unknowns.
+        upper: upper bounds.
+    """
+    solver, functions = _ipopt(program, options)
+    bounds = {"lbx": lower, "ubx": upper, "lbg": program.lower, "ubg": program.upper}
+    solution = solver(x0=ca.DM(start), **{name: ca.DM(values) for name, values in bounds.items()})
+    for function in functions:
+        if function.error is not None:
+            raise function.error
+    return solver, solution
+
+
+def _ipopt(assembled: Any, options: IpoptOptions) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
     """Return Ipopt and the functions of an assembled problem that it calls, with CasADi's names."""
     x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
     inputs = {"x": x, "p": ca.Sparsity.dense(0)}

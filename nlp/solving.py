@@ -151,7 +151,7 @@ class Solve:
             versions=_versions(),
         )
         if best.worst.met:
-            return _design(best, record, self.user_constraints)
+            return design_of(best, record, self.user_constraints)
         return _infeasible(results, best, record)
 
     def count_rods(self, results: list[StartResult]) -> list[StartResult]:
@@ -234,7 +234,7 @@ def move_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] 
     unmoved = judge(to_corners(design.task), 0, point, "moved", user_constraints)
     moved = count_rod(unmoved, user_constraints, (mount.module, mount.port))
     record = SolverRecord.model_validate(design.solver)
-    return _design(moved, record, constraints) if moved.worst.met else design
+    return design_of(moved, record, constraints) if moved.worst.met else design
 
 
 def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTask | None:
@@ -248,16 +248,18 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
     return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
 
 
-def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
+def design_of(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
+    """Return a result as a design, with the user's constraints that it meets."""
     point, J = best.point, best.objective
-    bound, K = bound_of(point.task, J), len(point.task.declared.load_cases)
+    K = len(point.task.declared.load_cases)
+    bound = None if point.task.search.maximize else bound_of(point.task, J)
     inputs = point.u[:K].reshape(K, -1)  # without those of corners
     return Design(
         **dict(_geometry(point)),
         rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
         objective=J,
         lower_bound=bound,
-        gap=Design.gap_of(J, bound),
+        gap=None if bound is None else Design.gap_of(J, bound),
         stated=tuple(constraint.stated for constraint in constraints),
         solver=record.model_dump(mode="json"),
     )

@@ -75,7 +75,8 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, bounded):
     joints, p_COM, tip = placed(task, tree, at, tip)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * module.rotor_table.positions)
-    platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, joints - p_COM)
+    axes = np.einsum("nij,qj->nqi", at.R, module.rotor_table.axes)
+    platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, axes, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
     total, air, planes = 0.0, module.region_envelope, list(half_spaces(task))
     for i, end, normal, sigma in walls:

@@ -31,6 +31,7 @@ from topo_search.report.scene import scene
 from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
 from topo_search.study.ledger import Row, row_of
+from topo_search.study.objective import LEAST_EFFORT
 from topo_search.topologies import Candidate, candidates
 from verify.kinematics import platform
 
@@ -261,7 +262,7 @@ def result(number: int, candidate: Candidate, solved: Design) -> tuple[Row, Desi
         inputs = ((math.sqrt(objective / 36),) * 36,)
         own = {"topology": candidate.topology, "topology_key": key, "objective": objective}
         outcome = solved.model_copy(update={**own, "rotor_speeds_squared": inputs})
-    row = row_of(outcome, key=key, modules=9, orbit=1, starts=1, lower_bound=BOUND)
+    row = row_of(outcome, key, 9, 1, 1, BOUND, LEAST_EFFORT)
     return replace(row, margin=margin), outcome
 
 

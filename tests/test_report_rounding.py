@@ -36,6 +36,7 @@ from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
 from topo_search.study.ledger import Row
+from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.proofs import ProofState, problem
 from topo_search.study.proving import Checked, CheckedTree
 
@@ -155,7 +156,7 @@ def test_flights_fronts_and_near_ties(audited, capsys):
             hinge_tolerance_deg=x,
             audit="clear",
         )
-        check(near_tie_cells(row, row, 12)[2:], least=x, most=3 * x)
+        check(near_tie_cells(row, "", 12)[2:], least=x, most=3 * x)
         point = FrontPoint(row, x, x, 3 * x, 0, Level(*[None] * len(Level._fields)), joint_moment=9 * x)
         answer = Answer("nowhere", (), (LevelAnswer(0, point.level, ()),), (point,))
         print(*_front(answer), sep="\n")
@@ -167,7 +168,7 @@ def test_flights_fronts_and_near_ties(audited, capsys):
 def test_efforts_and_gaps(capsys, monkeypatch):
     for x in draws(25, 1e13, 1e15):
         candidate = toy_row("a300", objective=x, gap=0.1), ProofState(x, 0.1, "task", "within"), None
-        check(ranking([candidate], proofs=True)["candidates"]["rows"][0][-3:], least=x)
+        check(ranking([candidate], LEAST_EFFORT, proofs=True)["candidates"]["rows"][0][-3:], least=x)
         check(bound(x, 0.1, hover(3))[0], least=x)
         size = {
             "modules": 3,
@@ -179,7 +180,7 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         }
         check([words for _, words in _expectations([size])], least=x)
         row = toy_row("a300", objective=x, gap=0.1)
-        print(*_rows((row,)), sep="\n")
+        print(*_rows((row,), LEAST_EFFORT), sep="\n")
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)
         checked = Checked(trees=[CheckedTree("a300", 3, bound=x)])
         monkeypatch.setattr(compose, "check_proofs", lambda *_, given=checked, **__: given)

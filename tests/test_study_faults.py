@@ -227,5 +227,5 @@ def test_an_objective_under_the_bound_is_not_given_as_an_answer(tmp_path):
     for share in (1e-6, 1e-5, 0.1):  # the first is rounding
         change = "UPDATE candidates SET objective = (1 - ?) * lower_bound WHERE key = ?"
         altered(tmp_path / "run", (change, (share, key)))
-        with nullcontext() if share == 1e-6 else pytest.raises(BadInput, match="under the bound"):
+        with nullcontext() if share == 1e-6 else pytest.raises(BadInput, match="beyond the bound"):
             toy_run(tmp_path / "run")

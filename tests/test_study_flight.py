@@ -73,7 +73,7 @@ BACKENDS = replace(toy_problem.BACKENDS, audit=audit, solve=solve)
 
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
-    flight = COLUMNS[-16:-4]  # the last ones are of proofs
+    flight = COLUMNS[-19:-7]  # the last ones are of proofs and values
     assert flight == (
         *("force_reserve_N", "torque_reserve_Nm", "rotors_out_hover", "load_factor", "joint_moment_Nm"),
         *("hinge_tolerance_deg", "rod_length_m", "power_W", "air_tip_m_s", "air_region_m_s"),
@@ -89,7 +89,7 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
 
 def test_without_figures_their_cells_are_empty(tmp_path):
     answer = toy_run(tmp_path / "run")
-    assert all(not row[name] for row in table(tmp_path / "run").values() for name in COLUMNS[-12:])
+    assert all(not row[name] for row in table(tmp_path / "run").values() for name in COLUMNS[-15:])
     assert answer.weakest_point is None
     assert answer.candidates["force_reserve_N"].isna().all()
 

@@ -265,7 +265,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path, change, message):
     [
         ({"starts": 0}, "`1 <= starts <= 10,000` must hold, but got 0"),
         ({"strategy": "optuna", "trials": 0}, "`1 <= trials <= 100,000` must hold, but got 0"),
-        ({"strategy": "Optuna"}, "strategy must be one of exhaustive, optuna, but got 'Optuna'"),
+        ({"strategy": "Optuna"}, "strategy must be one of exhaustive, randomized, optuna, but got 'Optuna'"),
         ({"sampler": "cmaes"}, "sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"),
     ],
 )

@@ -12,7 +12,7 @@ from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
 from topo_search.engine import WAIT, Candidates, ExhaustiveSearch, Job, Proposal, Strategy
 from topo_search.model import BadInput, Topology
-from topo_search.study import Request, RunFolder, SilentObserver
+from topo_search.study import Request, RunFolder, SilentObserver, read_answer
 from topo_search.study.solving import ProposedJobs, Tools
 
 
@@ -162,12 +162,26 @@ def test_more_starts_that_fail_leave_what_was_known(tmp_path, monkeypatch):
     assert toy_run(tmp_path / "run", starts=4).best == toy_run(tmp_path / "whole", starts=4).best
 
 
+def test_a_ledger_without_maximised_values_is_read_and_upgraded(tmp_path):
+    answer = toy_run(tmp_path / "run")
+    path = tmp_path / "run" / "ledger.sqlite"
+    columns = [f"ALTER TABLE candidates DROP COLUMN {name}" for name in ("value", "value_bound", "reach")]
+    columns = ["DROP INDEX ranking", *columns, "ALTER TABLE solves DROP COLUMN value"]
+    columns += ["CREATE INDEX ranking ON candidates (context, objective, key)", "PRAGMA user_version = 9"]
+    altered(tmp_path / "run", *columns)
+    content = path.read_bytes()
+    assert read_answer(tmp_path / "run").best == answer.best
+    assert path.read_bytes() == content
+    assert toy_run(tmp_path / "run").best == answer.best
+    assert path.read_bytes() != content
+
+
 def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     toy_run(tmp_path / "run")
     path = tmp_path / "run" / "ledger.sqlite"
     altered(tmp_path / "run", "PRAGMA user_version = 3")
     content = path.read_bytes()
-    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 9; it is left unchanged"):
+    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 10; it is left unchanged"):
         toy_run(tmp_path / "run")
     assert path.read_bytes() == content
 

@@ -15,14 +15,16 @@ if TYPE_CHECKING:
     from verify.assembly import choose_mount
     from verify.bare import complete
     from verify.design_audit import audit
+    from verify.flight.analysis import case_reserves
     from verify.kinematics import Poses, poses
     from verify.proof.check import check_chunk, prepare_check
 
-__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "complete", "poses", "prepare_check"]
+__all__ = ["Poses", "audit", "case_reserves", "check_chunk", "choose_mount", "complete", "poses", "prepare_check"]
 
 
 _MODULES = {
-    "Poses": "kinematics", "audit": "design_audit", "check_chunk": "proof.check", "choose_mount": "assembly",
+    "Poses": "kinematics", "audit": "design_audit", "case_reserves": "flight.analysis",
+    "check_chunk": "proof.check", "choose_mount": "assembly",
     "complete": "bare", "poses": "kinematics", "prepare_check": "proof.check",
 }  # fmt: skip
 

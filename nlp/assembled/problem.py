@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -49,6 +49,26 @@ class RowBlock(Protocol):
         """Return the entries of the Hessian of the sum of rows times multipliers."""
 
 
+class RequiredLoads(NamedTuple):
+    """Required wrenches of all load cases, linear in p'_E and p_COM."""
+
+    wrenches: Array
+    """Forces and torques, shape (6 K,)."""
+    levers: Array
+    """Matrix from p'_E and p_COM to the torques of the forces there, shape (6 K, 6)."""
+
+    @classmethod
+    def of(cls, task: ResolvedTask) -> RequiredLoads:
+        """Return the dimensionless loads of a task."""
+        unit, K = Units.of(task), len(task.load_cases)
+        at_tip, at_com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
+        f_E, f_C = (np.array([w.force for w in wrenches]) / (task.n * unit.force) for wrenches in (at_tip, at_com))
+        tau = (np.array([w.torque for w in at_tip]) + np.array([w.torque for w in at_com])) / (task.n * unit.torque)
+        levers = np.tensordot(np.stack([f_E, f_C], axis=1), CROSS, 1).transpose(0, 2, 1, 3)
+        levers = np.concatenate([np.zeros_like(levers), levers], axis=1).reshape(6 * K, 6)
+        return cls(np.hstack([f_E + f_C, tau]).ravel(), levers)
+
+
 class AssembledProblem:
     """The numeric program of one task and topology, with some of its clearances."""
 
@@ -63,18 +83,11 @@ class AssembledProblem:
             requirements: the clearances (4) to (9), or those that are near.
             beta: sharpness of the log-sum-exp.
         """
-        unit = Units.of(task)
         self.n, self.K = topology.n, len(task.load_cases)
         self.layout = layout = Layout(task, topology)
         self.g = layout.g
         self.size = self.g + task.rotor_count * self.K
-        at_tip, at_com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
-        f_E, f_C = (np.array([w.force for w in wrenches]) / (self.n * unit.force) for wrenches in (at_tip, at_com))
-        tau = (np.array([w.torque for w in at_tip]) + np.array([w.torque for w in at_com])) / (self.n * unit.torque)
-        self._wrenches = np.hstack([f_E + f_C, tau]).ravel()
-        levers = np.tensordot(np.stack([f_E, f_C], axis=1), CROSS, 1).transpose(0, 2, 1, 3)
-        self._levers = np.concatenate([np.zeros_like(levers), levers], axis=1).reshape(6 * self.K, 6)
-        """Matrix from p'_E and p_COM to the torques of the required forces there."""
+        self.loads = RequiredLoads.of(task)
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (task.rotor_count * weights.sum())
         self._terms = [
@@ -153,7 +166,7 @@ class AssembledProblem:
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
         platform, u = self.platform_at(variables)
-        balances = (u @ platform.A).ravel() - (self._wrenches + self._levers @ platform.V[-3:-1].ravel())
+        balances = (u @ platform.A).ravel() - (self.loads.wrenches + self.loads.levers @ platform.V[-3:-1].ravel())
         values = [balances, *(value for value, _, _ in self._derive(platform))]
         appended = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._appended]
         return np.concatenate([self._subtract_inertial(np.concatenate(values)), *appended])
@@ -166,7 +179,7 @@ class AssembledProblem:
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of the Jacobian of (2) to (9), in the order of `jacobian_pattern`."""
         platform, u = self.platform_at(variables)
-        balances = -self._levers @ platform.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
+        balances = -self.loads.levers @ platform.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
         balances[:, : self.n + 2] += (u @ platform.dA).transpose(1, 0, 2).reshape(6 * self.K, -1)
         rows = [balances]
         for term, (_, gradient, _) in zip(self._terms, self._derive(platform), strict=True):
@@ -184,7 +197,7 @@ class AssembledProblem:
         mu = multipliers[: 6 * K].reshape(K, 6)
         weights = np.concatenate([multipliers[6 * K : count], -multipliers[self._inertial_rows]])
         by_V, curved, row = np.zeros_like(platform.V), np.zeros((self.g, self.g)), 0
-        by_V[-3:-1] -= (mu.ravel() @ self._levers).reshape(2, 3)
+        by_V[-3:-1] -= (mu.ravel() @ self.loads.levers).reshape(2, 3)
         for term, (_, gradient, hessian) in zip(self._terms, self._derive(platform), strict=True):
             w = weights[row : row + term.m]
             add_curvature(w, gradient, hessian, term.plus, term.minus, platform.dV, term.moving, by_V, curved)

@@ -62,6 +62,7 @@ from nlp.bounds.refutation import (
 )
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask, Topology
+from topo_search.model.arrays import Array
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 
 
@@ -134,19 +135,13 @@ def refute_forces(task: ResolvedTask) -> Refutation | None:
     For any nu_k, module i contributes sum_k s_ik nu_k . z_i, at most its largest thrust times the greatest
     sum_k max(nu_k . z, 0) over all unit z; the load cases require sum_k nu_k . F_k.
     """
-    F, T = total_forces(task), task.max_thrust_to_weight
-    if len(F) == 1:
+    F = total_forces(task)
+    nu = sum_directions(task, F) if len(F) > 1 else np.zeros_like(F)
+    if not nu.any():
         return None
-    f = F / (task.n * Units.of(task).force)
-    nu = multipliers(f / T, np.full(len(f), FORCES.smoothing / 2), 1.0, largest=1.0)
     lengths = np.linalg.norm(nu, axis=1)
-    if not lengths.max() > 0:
-        return None
-    nu, lengths = nu / lengths.max(), lengths / lengths.max()
     required = float(np.sum(nu * F)) + min(0.0, float(np.sum(nu * rod_force_change(task))))
-    limit = largest_thrust(task) * sphere_maximum(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
-    # inputs slightly below zero act in the opposite direction, along every nu_k at once
-    tolerance = tolerated_force(task) * lengths.sum() + tolerated_thrust(task) * (1 + lengths.sum()) * len(F)
+    limit, tolerance = largest_sum(task, nu), sum_tolerance(task, nu)
     if required - tolerance - FORCES.rounding * float(np.sum(np.abs(nu) * np.abs(F))) <= limit:
         return None
     required_text, limit_text = excess_texts(required, limit)
@@ -159,6 +154,25 @@ def refute_forces(task: ResolvedTask) -> Refutation | None:
         f"no fixed angles let {size_text(task)} produce the load cases {cases} without leaning: summed along one "
         f"direction each, all rotors at full thrust give {limit_text} N at most, the cases need {required_text} N",
     )
+
+
+def sum_directions(task: ResolvedTask, F: Array) -> Array:
+    """Return good directions nu_k of a sum of forces F (K, 3) [N], the longest one of length 1; or zeros."""
+    f, T = F / (task.n * Units.of(task).force), task.max_thrust_to_weight
+    nu = multipliers(f / T, np.full(len(f), FORCES.smoothing / 2), 1.0, largest=1.0)
+    return np.asarray(nu / (np.linalg.norm(nu, axis=1).max() or 1.0))
+
+
+def largest_sum(task: ResolvedTask, nu: Array) -> float:
+    """Return an upper bound on the sum of forces along one direction nu_k each [N]."""
+    return largest_thrust(task) * sphere_maximum(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
+
+
+def sum_tolerance(task: ResolvedTask, nu: Array) -> float:
+    """Return the audit's tolerance of that sum [N]."""
+    total = float(np.linalg.norm(nu, axis=1).sum())
+    # inputs slightly below zero act in the opposite direction, along every nu_k at once
+    return tolerated_force(task) * total + tolerated_thrust(task) * (1 + total) * len(nu)
 
 
 def _is_straight(topology: Topology) -> bool:

@@ -24,6 +24,7 @@ from topo_search.model import Design
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.directory import digest_of
 from topo_search.study.ledger import row_of
+from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.solving import ProposedJobs
 
 BATCH = 1000
@@ -42,9 +43,7 @@ def fill(path: Path, request: Request, n: int) -> None:
             for candidate in batch:
                 update = {"topology": candidate.topology, "topology_key": candidate.key}
                 design = first.model_copy(update=update)
-                row = row_of(
-                    design, key=candidate.key, modules=n, orbit=candidate.orbit, starts=1, lower_bound=BOUND
-                )
+                row = row_of(design, candidate.key, n, candidate.orbit, 1, BOUND, LEAST_EFFORT)
                 rows.append((row, design))
             folder.ledger.record(context, rows)
             digests = [(f"designs/{row.key}.json", digest_of(row.key.encode())) for row, _ in rows]

@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 @options.set_field
 @options.paper
 @options.choice(
+    "--maximize",
+    ["force_reserve", "torque_reserve", "load", "payload"],
+    "Find the platform with the largest value of a quantity, not of least effort; sets search.maximize.",
+)
+@options.choice(
     "--symmetry",
     ["task", *options.SYMMETRIES],
     "Symmetries under which trees count as one candidate; `task`: all that are exact for the task.",
@@ -32,8 +37,9 @@ if TYPE_CHECKING:
 )
 @options.choice(
     "--strategy",
-    ["exhaustive", "optuna"],
-    "Solve all candidates (default, if it takes less than a day), or those that a sampler proposes.",
+    ["exhaustive", "randomized", "optuna"],
+    "Solve all candidates (default, if it takes less than a day), ask each for more than the best value so far "
+    "(default with --maximize), or solve those that a sampler proposes.",
 )
 @options.choice(
     "--sampler",
@@ -85,6 +91,7 @@ def run(
     modules: str | None,
     settings: tuple[str, ...],
     paper: bool,
+    maximize: str | None,
     root: str | None,
     connectors: str | None,
     topologies: str | None,
@@ -101,20 +108,21 @@ def run(
     scheduler do not start, answer or return (results are kept; run the same command to continue); 74 the disk is
     full or fails, or the folder was removed (the best design is then printed).
     """
-    exhaustive, prune = option_values["strategy"] != "optuna", option_values["prune"]
-    if exhaustive and (option_values["sampler"] or option_values["trials"] or option_values["round_size"]):
+    sampled, prune = option_values["strategy"] == "optuna", option_values["prune"]
+    if not sampled and (option_values["sampler"] or option_values["trials"] or option_values["round_size"]):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
-    if prune and not exhaustive:
+    if prune and sampled:
         raise click.UsageError("--prune requires --strategy exhaustive")
     if prune and option_values["keep_within"] is not None:
         raise click.UsageError("--keep-within solves all candidates and cannot be combined with --prune")
-    if topologies and not exhaustive:
+    if topologies and sampled:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
     from topo_search.cli.progress import shown_progress
 
     warnings: list[TaskWarning] = []
     with _print_if_lost(warnings), shown_progress() as observer, needs_extras("--dask"):
         fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
+        fields["search__maximize"] = maximize
         user_task = options.task_of(task, settings, paper=paper, **fields)
         keys = None if topologies is None else options.read_topologies(topologies, user_task)
         designs = options.read_near(near)

@@ -123,6 +123,7 @@ def _figures(design: Compared) -> dict[str, object]:
     return {
         "key": design.design.topology.key,
         "modules": design.design.topology.n,
+        "value": design.design.value,
         "objective": design.design.objective,
         "gap": design.gap,
         "audit": None if audit is None else str(audit.verdict),

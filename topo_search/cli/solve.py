@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,9 @@ from topo_search.cli import options
 from topo_search.cli.errors import command, explain_errors, needs_extras, note
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
+
+if TYPE_CHECKING:
+    from topo_search.study.objective import Objective
 
 
 @command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
@@ -174,7 +177,10 @@ def prove(
     names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
     rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
     sentences = [size.proven for size in answer.sizes]
-    lines = [_proof_line(row["key"], row["proof"] or "not examined", row["proven_bound"] or None) for row in rows]
+    lines = [
+        _proof_line(row["key"], row["proof"] or "not examined", row["proven_bound"] or None, answer.objective)
+        for row in rows
+    ]
     value = {"sentences": sentences, "candidates": rows}
     options.echo_answer(value, (*lines, *(text for text in sentences if text is not None)))
     settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
@@ -185,11 +191,9 @@ def prove(
         raise SystemExit(ExitStatus.OPEN)
 
 
-def _proof_line(key: str, verdict: str, bound: float | None, fault: str | None = None) -> str:
-    from topo_search.model.proven import lower_text
-
-    effort = "" if bound is None else f", J >= {lower_text(bound)} rad^4/s^4"
-    return f"{key}: {verdict}{effort}" + (f": {fault}" if fault else "")
+def _proof_line(key: str, verdict: str, bound: float | None, objective: Objective, fault: str | None = None) -> str:
+    claim = "" if bound is None else f", {objective.claim(bound)}"
+    return f"{key}: {verdict}{claim}" + (f": {fault}" if fault else "")
 
 
 def _check(folder: Path, **option_values: Any) -> None:
@@ -202,7 +206,7 @@ def _check(folder: Path, **option_values: Any) -> None:
             result = check_proofs(folder, observer=observer, **option_values)
     trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
     refused = [f"refused: {fault}" for fault in result.faults]
-    lines = [_proof_line(tree.key, tree.verdict, tree.bound, tree.fault) for tree in result.trees]
+    lines = [_proof_line(tree.key, tree.verdict, tree.bound, result.objective, tree.fault) for tree in result.trees]
     value = {"sentences": result.sentences, "faults": result.faults, "trees": trees}
     options.echo_answer(value, (*refused, *lines, *result.sentences))
     if result.refused:

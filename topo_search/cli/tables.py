@@ -11,11 +11,13 @@ from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.flying import DROPPED
-from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, upper_text
+from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.headline import fragile_margins
-from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
+from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
 from topo_search.study.columns import proven_cell
+from topo_search.study.largest_value import LargestValue
+from topo_search.study.objective import LEAST_EFFORT, Objective, objective_of
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of a line about a design without such a rod."""
@@ -48,7 +50,9 @@ def result_lines(answer: Answer) -> Iterator[str]:
         rod = "" if answer.clear_rod else NO_CLEAR_ROD
         if (note := answer.note) is not None:
             yield f"note on {best.key}: {note}"
-        yield f"{line}, {_effort(best)}, audit {best.audit}{rod}"
+        yield f"{line}, {_merit(answer.objective, best)}, audit {best.audit}{rod}"
+        if answer.ability is not None:
+            yield f"{best.key} {answer.ability}"
     elif answer.exit_status == 1:
         yield answer.failure
     else:
@@ -60,7 +64,7 @@ def _size(size: SizeAnswer) -> Iterator[str]:
     yield _counts(size)
     if size.feasible:
         yield f"feasible trees, symmetric copies included: {size.feasible}"
-        yield from _rows(size.top)
+        yield from _rows(size.top, size.objective)
         yield from _near_ties(size)
     if not size.complete:
         reached = f", after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
@@ -89,7 +93,7 @@ def _front(answer: Answer) -> Iterator[str]:
         for size in outcome.sizes:
             yield f"  {_counts(size)}"
             if size.best is not None:
-                yield f"  best {size.best.key}, {_effort(size.best)}"
+                yield f"  best {size.best.key}, {_merit(size.objective, size.best)}"
             if not size.complete:
                 yield "  not finished; run the same command to continue"
             yield from (f"  {line}" for line in _remarks(size))
@@ -105,26 +109,32 @@ def _front(answer: Answer) -> Iterator[str]:
     yield from answer.idle_goals
 
 
-def _rows(rows: tuple[Row, ...]) -> Iterator[str]:
+def _rows(rows: tuple[Row, ...], objective: Objective) -> Iterator[str]:
     cells = []
     for row in rows:
-        key, objective, gap, audit = _summary_cells(row)
-        ratio = f"{at_most(row.objective / row.lower_bound, 3):.2f}" if row.objective and row.lower_bound else ""
-        cells.append((key, objective, ratio, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
-    return _table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
+        key, number, gap, audit = _summary_cells(row)
+        beside = f"{at_most(row.objective / row.lower_bound, 3):.2f}" if row.objective and row.lower_bound else ""
+        if row.value is not None:
+            beside = f"{row.objective:.3g}"
+        cells.append((key, number, beside, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
+    second = "J over bound" if objective.better == "less" else LEAST_EFFORT.column
+    columns = "key", objective.column, second, "gap", "hits", "symmetric copies", "audit"
+    return _table(columns, cells)
 
 
 def _summary_cells(row: Row) -> tuple[str, str, str, str]:
     gap = "" if row.gap is None else gap_percent(row.gap)
-    return row.key, f"{row.objective:.3g}", gap, row.audit or ("failed" if row.audit_failure else "")
+    number = f"{row.objective:.3g}" if row.value is None else lower_text(row.value, 3)
+    return row.key, number, gap, row.audit or ("failed" if row.audit_failure else "")
 
 
 def _near_ties(size: SizeAnswer) -> Iterator[str]:
     """Yield the hover reserves of designs with nearly the best effort, if there are several."""
     if size.best is None or len(size.near_ties) < 2:
         return
-    yield f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve in hover first:"
-    yield from _table(NEAR_TIES, [near_tie_cells(row, size.best, size.rotors) for row in size.near_ties])
+    yield f"within {100 * NEAR_BEST:g} % of the {size.objective.least}, largest force reserve in hover first:"
+    cells = [near_tie_cells(row, size.objective.difference(row, size.best), size.rotors) for row in size.near_ties]
+    yield from _table(near_tie_columns(size.objective), cells)
     if size.near_ties_unaudited:
         yield f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}"
 
@@ -152,9 +162,17 @@ def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
     for path, answer in runs:
         sizes = ", ".join(str(size.modules) for size in answer.sizes)
         solved = f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}"
-        cells = ("none", "", "", "") if answer.best is None else _summary_cells(answer.best)
-        rows.append((str(path), sizes, solved, *cells))
-    return _table(("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit"), rows)
+        best = answer.best
+        cells = (
+            ("none", "", "", "") if best is None else (best.key, f"{best.objective:.3g}", *_summary_cells(best)[2:])
+        )
+        cell = ""
+        if answer.best is not None and isinstance(answer.objective, LargestValue):
+            cell = answer.objective.value_words(answer.best)
+        rows.append((str(path), sizes, solved, cells[0], cell, *cells[1:]))
+    columns = "run", "modules", "candidates solved", "best", "largest", "J [rad^4/s^4]", "gap", "audit"
+    kept = [k for k, name in enumerate(columns) if name != "largest" or any(row[k] for row in rows)]
+    return _table([columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
 
 def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
@@ -174,9 +192,11 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
     yield from captured.get().splitlines()
 
 
-def _effort(design: Row | Design) -> str:
-    gap = "" if design.gap is None else f", gap to the lower bound {gap_percent(design.gap)}"
-    return f"J = {design.objective:.3g} rad^4/s^4{gap}"
+def _merit(objective: Objective, design: Row | Design) -> str:
+    gap = "" if design.gap is None else f", gap to the {objective.bound} {gap_percent(design.gap)}"
+    if isinstance(design, Design) and design.value is not None:  # its file has a bound of effort only
+        gap = ""
+    return f"{objective.words(design)}{gap}"
 
 
 def progress_line(outcome: Outcome) -> str:
@@ -186,7 +206,8 @@ def progress_line(outcome: Outcome) -> str:
     if isinstance(outcome, Infeasible):
         return outcome.message
     starts = (outcome.solver or {}).get("starts")
-    return _effort(outcome) + ("" if starts is None else f" after {quantity(starts, 'start')}")
+    text = _merit(objective_of(outcome.task), outcome)
+    return text if starts is None else f"{text} after {quantity(starts, 'start')}"
 
 
 def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:

@@ -19,6 +19,7 @@ from typing import Any, TypeVar, get_args
 
 import nlp
 import verify
+from topo_search.compose.maximizing import MostCapable
 from topo_search.engine import Backends, CallingProcess, DaskWorkers, Job, Workers
 from topo_search.engine.own_sampler import OwnSampler, TopologySampler
 from topo_search.engine.strategy import SamplerFactory
@@ -53,6 +54,11 @@ class SolverAndAudit:
 
     def solve(self, job: Job) -> Design | Infeasible:
         """Solve one topology."""
+        if job.task.search.maximize is not None:
+            return MostCapable(job, self._solve, self.local_optima, self.audit, self.constraints).best()
+        return self._solve(job)
+
+    def _solve(self, job: Job) -> Design | Infeasible:
         outcome = nlp.solve(job.task, job.topology, **self._options(job))
         return self.mount_rod(job.task, outcome) if isinstance(outcome, Design) else outcome
 
@@ -103,6 +109,11 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
     return replace(BACKENDS, solve=both.solve, audit=both.audit, local_optima=both.local_optima)
 
 
+def proven_bound(task: ResolvedTask) -> float:
+    """Return a lower bound of the effort for this size, or an upper bound of the maximised value."""
+    return nlp.proven_bound(task) if task.search.maximize is None else nlp.largest_value(task)
+
+
 _PLAIN = SolverAndAudit()
 
 
@@ -115,7 +126,7 @@ def solve_near(design: Design, task: ResolvedTask) -> Design | Infeasible | None
     return mounted.model_copy(update={"stated": design.stated})
 
 
-BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
+BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 
 def open_engine(workers: int | None, dask: str | None, observer: Observer) -> Workers | DaskWorkers:

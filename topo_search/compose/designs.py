@@ -352,7 +352,14 @@ def _designs(source: Path) -> list[Compared]:
 
     if not source.is_dir():
         design, judged = _judge(read_completed(source))
-        return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
+        return [
+            Compared(
+                source.stem,
+                design,
+                judged,
+                design.gap if judged.verdict == "clear" and design.value is None else None,
+            )
+        ]
     with RunFolder.load(source) as folder:
         answer = answer_of(folder).at_level
         if answer.shown is None:

@@ -28,7 +28,9 @@ from topo_search.engine import DaskWorkers, Workers
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.proof import Problem
+from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
+from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,
@@ -71,6 +73,7 @@ def search(
     topologies: Iterable[OwnTopology] | None = None,
     prove: float | None = None,
     keep_within: float | None = None,
+    maximize: Maximized | None = None,
     observer: Observer | None = None,
     live: bool = False,
 ) -> Answer:
@@ -80,7 +83,8 @@ def search(
         task: a task, its file, or the name of a shipped example.
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: symmetries under which trees count as one candidate.
-        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes. Default:
+        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes; `randomized` asks
+            each for a larger value than the best so far. Default: `randomized` if a quantity is maximised, else
             `exhaustive`, but a new search of over a day is refused unless there is a time limit or Dask.
         sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
@@ -104,6 +108,7 @@ def search(
         prove: relative gap within which branch and bound then proves that no tree is better; see `prove`.
         keep_within: keep every local optimum with a clear audit and at most this much more effort than the
             best [%].
+        maximize: quantity of which the best platform has the largest value, as `search.maximize` of the task.
         observer: receives progress.
         live: serve the page to this machine while the search runs; the observer receives its address as a note.
 
@@ -123,13 +128,17 @@ def search(
         ('a10', 2, 'clear')
     """
     base_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
+    if maximize is not None:
+        with as_bad_input(base_task.name):
+            base_task = base_task.replace(search=base_task.search.replace(maximize=maximize))
+    by_default: StrategyName = "exhaustive" if base_task.search.maximize is None else "randomized"
     designs, checked, own_sampler = starting_points(near), own_constraints(constraints), named_sampler(sampler)
     request = Request(
         base_task,
         symmetry,
         nlp.default_starts(base_task) if starts is None else starts,
         seed,
-        strategy or "exhaustive",
+        strategy or by_default,
         sampler if isinstance(sampler, str) else "moves",
         trials if strategy == "optuna" else None,
         prune and strategy != "optuna",

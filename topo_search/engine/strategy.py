@@ -38,6 +38,8 @@ class Proposal:
     The strategy has received their results, and does not propose them again before the result of this proposal:
     else their state would depend on which job finishes first.
     """
+    reach: float = 0.0
+    """Value of the maximised quantity that a design must exceed."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,13 @@ class Tried:
     """J of the best design [rad^4/s^4]; None without a design."""
     violation: float | None
     """Smallest violation of all starts, in the task's own units; None with a design."""
+    value: float | None = None
+    """Value of the maximised quantity; None without a design, or if effort is minimised."""
+
+    @property
+    def merit(self) -> float | None:
+        """What samplers minimise: the effort, or minus the maximised value; None without a design."""
+        return self.objective if self.value is None else -self.value
 
 
 class Stage(NamedTuple):

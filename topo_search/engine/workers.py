@@ -134,6 +134,8 @@ class Job:
     """Designs to carry over, each as an additional start before the others."""
     orbit: int = 1
     """Number of trees, up to exact symmetry, that the candidate stands for."""
+    reach: float = 0.0
+    """Value of a maximised quantity that a design must reach."""
 
     @property
     def deadline(self) -> float:
@@ -211,9 +213,9 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
     return best.with_starts((shortfall for result in results for shortfall in result.shortfalls), record)
 
 
-def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
+def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[float, ...]:
     if isinstance(result, Design):
-        return False, result.objective
+        return False, *result.rank
     return True, scaled_violation(result.violation, result.unit, task)
 
 

@@ -282,6 +282,16 @@ class Design(Geometry):
             yield field, "must have one value per rotor", rotors, len(u_k)
 
     @property
+    def value(self) -> float | None:
+        """Value of the maximised quantity; None if effort is minimised."""
+        return self.task.search.reached
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Sort key: largest value of a maximised quantity first, then lowest effort."""
+        return -(self.value or 0.0), self.objective
+
+    @property
     def inputs(self) -> Array:
         """u as a read-only array, shape (K, n, r) [rad^2/s^2]."""
         return read_only(

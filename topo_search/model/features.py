@@ -12,20 +12,22 @@ from topo_search.model.flying import Missed, find_missed, on_paper, with_default
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
 from topo_search.model.html import audit_html, design_html
 from topo_search.model.joint_mass import joint_mass
+from topo_search.model.maximized import broken_maximize
 from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.placement import Placement
 from topo_search.model.relaxed import Relaxed
 from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
+from topo_search.model.rotor_rules import broken_rotors
 from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
 
-TASK_RULES = (broken_flight, broken_goals)
+TASK_RULES = (broken_rotors, broken_flight, broken_goals, broken_maximize)
 """Rules that a task as a whole may break, in the order of their messages."""
 CORNER_SETS = (reserve_corners, failure_corners)
 """Sets of wrenches required besides the load cases, in the order of their corners."""
 
 __all__ = [
-    "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly", "CasePower",
-    "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed", "Sensitivity",
-    "Tolerances", "audit_html", "design_html", "find_missed", "joint_mass", "on_paper", "with_defaults",
-    "with_older_defaults",
+    "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly",
+    "CasePower", "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed",
+    "Sensitivity", "Tolerances", "audit_html", "design_html", "find_missed", "joint_mass", "on_paper",
+    "with_defaults", "with_older_defaults",
 ]  # fmt: skip

@@ -87,6 +87,11 @@ def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
             flight.pop("tolerances", None)
     stated = {f"{part}.{field}" for part, table in tables.items() for field in table}
     stated |= {goal.field for name, goal in GOALS.items() if tables["goals"].get(name)}
+    maximized = f"flight.{tables['search'].get('maximize')}"
+    if maximized == "flight.force_reserve":
+        for field in ("at", "directions"):
+            flight.setdefault(field, FLYING[f"flight.{field}"])
+    stated.add(maximized)
     if "flight.force_reserve" in stated:
         flight.setdefault("at", "both")
         stated.update(POINT)

@@ -41,7 +41,7 @@ from topo_search.limits import LIMITS
 from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, RegionAirflow, Thrust
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
-from topo_search.model.rotors import UP, ModuleRotor, RotorTable, discs_meet, table_of, x_quadrotor
+from topo_search.model.rotors import ModuleRotor, RotorTable, table_of, x_quadrotor
 from topo_search.model.value import (
     Broken,
     Location,
@@ -52,7 +52,6 @@ from topo_search.model.value import (
     Value,
     at_most,
     omit_if,
-    show,
 )
 
 AIR_DENSITY = 1.2
@@ -135,35 +134,6 @@ class Module(Value):
         ]
         rule = f"must be between {low:g} and {high:g}, {least:g} and {largest:g} arm lengths"
         yield from ((field, f"{rule}, but got {size}") for field, size in sizes if not low <= size <= high)
-        yield from self._broken_rotors()
-
-    def _broken_rotors(self) -> Broken:
-        """Yield broken rules about the table of rotors."""
-        if self.rotors is None:
-            return
-        farthest, table = self.connector_distance + self.body.rotor_radius, self.rotor_table
-        for q, rotor in enumerate(self.rotors):
-            if (distance := math.hypot(*rotor.position)) > farthest:
-                rule = f"must be at most connector_distance + body.rotor_radius = {farthest:.4g} m from the centre"
-                yield ("rotors", q, "position"), f"{rule}, but got {show(rotor.position)}, {distance:.4g} m away"
-        if (pair := discs_meet(table, self.body.rotor_radius / self.arm_length)) is not None:
-            first, second = pair
-            apart = math.dist(self.rotors[first].position, self.rotors[second].position)
-            rule = f"must not overlap rotors[{first}]: discs of body.rotor_radius = {self.body.rotor_radius:g} m"
-            yield ("rotors", second, "position"), f"{rule} need more room, but got centres {apart:.4g} m apart"
-        axes = [rotor.axis for rotor in self.rotors]
-        mean = table.axes.sum(axis=0)
-        if table.axes[:, 2].max() <= 0:
-            yield ("rotors",), f"at least one axis must point up, along z, but got {show(axes)}"
-        elif np.linalg.norm(mean / np.linalg.norm(mean) - UP) > PRECISION:
-            text = show([round(x, 4) for x in (mean / np.linalg.norm(mean)).tolist()])
-            yield (
-                ("rotors",),
-                f"the sum of all axes, as unit vectors, must point along z, but points along {text}",
-            )
-        if self.airflow.speed is not None and not table.is_x:
-            rule = "must be left out with rotors other than an X: the jet model was measured for that"
-            yield ("airflow", "speed"), f"{rule}, but got {self.airflow.speed:g}"
 
     @property
     def start_radius(self) -> float:

@@ -3,6 +3,9 @@
 A record has one byte per box, depth first, lower half before upper half: 0: excluded by a bound; 1: two modules are
 too close everywhere in the box; 2 + a: halved along angle a. Angles are psi, alpha_0, alpha_1 and the hinges of the
 tree rooted at `root_module`: breadth first, ports in order.
+
+A proof at the cut `most_effort` shows that there is no design at all. If what it bounds is symmetric about the
+vertical, its boxes have psi = 0.
 """
 
 from __future__ import annotations
@@ -16,6 +19,7 @@ from pydantic import Field
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.end_effector import CountedRod
 from topo_search.model.load_case import LoadCase, Wrench
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
 from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
@@ -67,6 +71,15 @@ def _expand(task: ResolvedTask, problem: Problem) -> ResolvedTask:
     bare_task = task.with_fields("flight", rotor_out_torque=None)
     cornered = to_corners(bare_task, inner=problem == "task" or task.search.peak_input < 1)
     return cornered if isinstance(cornered, CorneredTask) else task
+
+
+def most_effort(task: ResolvedTask) -> float:
+    """Return an effort above that of any inputs in a clear audit [rad^4/s^4].
+
+    A proof at this cut excludes all designs: no inputs produce all wrenches, whatever the weights of load cases.
+    """
+    weight = sum(case.weight for case in task.load_cases)
+    return task.rotor_count * weight * (task.max_input * (1 + 3 * TOLERANCE)) ** 2
 
 
 def chunk_count(n: int) -> int:
@@ -131,7 +144,10 @@ class CheckedChunk(Value):
 
 
 class Proof(Value):
-    """Proof for one tree: no design needs less effort than `cut`, once every chunk is closed."""
+    """Proof for one tree: no design needs less effort than `cut`, once every chunk is closed.
+
+    If a quantity is maximised, its task is T(s), its cut `most_effort`, and no design holds the value s.
+    """
 
     format: Literal["topo-search/proof"] = "topo-search/proof"
     version: Literal[1] = 1
@@ -154,6 +170,17 @@ class Proof(Value):
     def topology(self) -> Topology:
         """Tree of the key; ValueError for an invalid key."""
         return Topology.from_key(self.topology_key)
+
+    @property
+    def bound(self) -> float:
+        """Effort that every design needs [rad^4/s^4], or value of the maximised quantity that none holds."""
+        value = self.task.search.reached
+        return self.cut if value is None else value
+
+    @property
+    def level(self) -> float:
+        """The greater, the more is proven: `cut`, or the negative of a value that no design holds."""
+        return self.cut if self.task.search.reached is None else -self.bound
 
     @property
     def boxes(self) -> int:

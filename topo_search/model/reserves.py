@@ -129,12 +129,14 @@ class AskedFlight(Value):
         options = {"units", "around", "at", "directions", "allocator", "grows", "defaults", "dropped"}
         return self != AskedFlight(**{name: getattr(self, name) for name in options})
 
-    def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
+    def to_si(
+        self, force_unit: float, torque_unit: float, *, grows: bool = False, maximized: bool = False
+    ) -> AskedFlight:
         """Return the requirements in N and N m, given m_t g [N] and l_arm m_t g [N m]; the default without any.
 
-        `grows`: True if m_t depends on the design.
+        `grows`: True if m_t depends on the design; `maximized`: True if a reserve is still to be asked for.
         """
-        if not self.asks:
+        if not self.asks and not maximized:
             return AskedFlight(dropped=self.dropped)
         f, t = (force_unit, torque_unit) if self.units == "weight" else (1.0, 1.0)
         f = force_unit if "flight.force_reserve" in self.filled else f
@@ -150,11 +152,11 @@ class AskedFlight(Value):
             changed["rotor_out_torque"] = ROTOR_OUT_TORQUE * torque_unit if torque is None else torque * t
         return self.model_copy(update=changed)
 
-    def regrow(self, ratio: float) -> AskedFlight:
-        """Return the requirements for a platform whose weight is scaled by `ratio`."""
+    def regrow(self, ratio: float, maximized: str | None) -> AskedFlight:
+        """Return the requirements for a platform whose weight is scaled by `ratio`, but for a maximised field."""
         if not self.grows:
             return self
-        names = ("force_reserve", "torque_reserve", "rotor_out_torque")
+        names = {"force_reserve", "torque_reserve", "rotor_out_torque"} - {maximized}
         radii = {name: getattr(self, name) for name in names}
         return self.model_copy(update={name: r * ratio for name, r in radii.items() if r is not None})
 
@@ -282,8 +284,11 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             vectors = circumscribe(disc=disc)
             if inner or not optimal:
                 r, vectors = max(0.0, r - AUDIT_TOLERANCE * unit), directions(disc=disc)
+            if seen := task.search.towards and task.search.maximize == f"{field}_reserve":
+                vectors = np.array(task.search.towards)
             if r > 0:
-                groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * vectors, point))
+                corners = _corners(f"{label}, {field} reserve{AT[point]}", case, field, r * vectors, point)
+                groups += [[corner] for corner in corners] if seen else [corners]
         if not inner:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
         groups += [[Corner(label, case)]] if error > 0 else []

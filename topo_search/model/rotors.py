@@ -14,7 +14,6 @@ Solver, audit and exports read it; nothing else says how many rotors a module ha
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,8 +31,6 @@ SAME = 1e-9
 
 X_ERROR = 1e-3
 """Largest deviation of rotors from an X [l_arm], [rad]: the precision of a data sheet."""
-PROJECTIONS, NEAR = 200, 1e-3
-"""Number of projections onto each of two discs, and distance at which they count as meeting [radius]."""
 
 
 class ModuleRotor(Value):
@@ -194,29 +191,6 @@ def table_of(rotors: Sequence[ModuleRotor], l_arm: float) -> RotorTable:
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     drags = [-rotor.spin for rotor in rotors]
     return RotorTable(*map(read_only, (directions, np.where(at_centre, 0.0, distances), axes, drags)))
-
-
-def discs_meet(rotors: RotorTable, radius: float) -> tuple[int, int] | None:
-    """Return the numbers of two rotors whose discs, of a radius in l_arm, have a point in common; None without any.
-
-    Alternating projections onto two convex sets converge to their nearest points.
-    """
-    for first, second in itertools.combinations(range(rotors.count), 2):
-        if np.linalg.norm(rotors.positions[first] - rotors.positions[second]) >= 2 * radius:
-            continue
-        x = y = rotors.positions[first]
-        for _ in range(PROJECTIONS):
-            y = _onto_disc(rotors, second, radius, x)
-            x = _onto_disc(rotors, first, radius, y)
-        if np.linalg.norm(x - y) <= NEAR * radius:
-            return first, second
-    return None
-
-
-def _onto_disc(rotors: RotorTable, q: int, radius: float, x: Array) -> Array:
-    centre, axis = rotors.positions[q], rotors.axes[q]
-    across = x - centre - (x - centre) @ axis * axis
-    return np.asarray(centre + min(1.0, radius / max(float(np.linalg.norm(across)), 1e-300)) * across)
 
 
 @functools.cache

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
 from topo_search.model.value import (
+    OMIT_EMPTY,
     Angle,
     Broken,
     NonEmpty,
@@ -18,6 +19,7 @@ from topo_search.model.value import (
     OneOf,
     Positive,
     Value,
+    Vector,
     at_most,
     show,
 )
@@ -36,6 +38,9 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
 
 
 Angles = Annotated[tuple[Angle, ...], at_most(LIMITS.hinge_angles), NonEmpty, AfterValidator(_check_apart)]
+
+
+Maximized = Literal["force_reserve", "torque_reserve", "load", "payload"]
 
 
 class Search(Value):
@@ -67,6 +72,13 @@ class Search(Value):
     """Hinge angles are multiples of this step within +-90 deg [deg]; default: any angle."""
     hinge_angles_deg: Omitted[Angles] = None
     """Hinge angles are these values of either sign [deg]; an alternative to a step."""
+    maximize: Omitted[Maximized] = None
+    """The best platform has the largest value of this quantity, not the least effort: `force_reserve`,
+    `torque_reserve`, `load`: a factor of all wrenches at the end-effector, or `payload`: a mass carried there."""
+    reached: Omitted[NonNegative] = None
+    """Value of that quantity [N, N m, 1, kg]. Set in designs, not in tasks."""
+    towards: Annotated[tuple[Vector, ...], OMIT_EMPTY] = ()
+    """Directions in which the solver asks for a maximised reserve: it adds those in which designs are weakest."""
 
     @property
     def least_margin(self) -> float:

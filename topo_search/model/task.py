@@ -93,10 +93,6 @@ LoadCases = Annotated[
 ]
 
 
-MOST_TILT_DEG = 20.0
-"""Largest tilt of rotors whose jets one envelope about the module's axis encloses without its neighbours [deg]."""
-
-
 class Task(Value):
     """Task of a user; `resolve` fills in every default for one number of modules."""
 
@@ -202,7 +198,6 @@ class Task(Value):
             rule = "must mean a load case with a force at the end-effector"
             yield ("end_effector", name), f"{rule}, but got {show(getattr(end_effector, name))}"
         yield from self._broken_thrust()
-        yield from self._broken_rotors()
         yield from self._broken_hinges()
         yield from (broken for rule in TASK_RULES for broken in rule(self))
 
@@ -218,21 +213,6 @@ class Task(Value):
         if module.min_input >= lowest:
             rule = f"must be less than the largest share that rotors may use, {lowest:g}"
             yield ("module", "min_input"), f"{rule}, but got {module.min_input}"
-
-    def _broken_rotors(self) -> Broken:
-        """Yield what is not known of the air of a module's own table of rotors."""
-        rotors, tilt_deg = self.module.rotor_table, math.degrees(self.module.rotor_table.tilt)
-        if not rotors.is_x:
-            rule = "must be left out with rotors other than an X: the jet model was measured for that"
-            limited = ((e, region.speed) for e, region in enumerate(self.exposure) if region.speed is not None)
-            yield from ((("exposure", e, "speed"), f"{rule}, but got {speed:g}") for e, speed in limited)
-        if tilt_deg > MOST_TILT_DEG and self.search.interference != "separation":
-            rule = f"axes must be within {MOST_TILT_DEG:g} deg of the module's unless search.interference is"
-            yield ("module", "rotors"), f'{rule} "separation", which checks no airflow, but got {tilt_deg:.4g} deg'
-        regions = [e for e, region in enumerate(self.exposure) if region.geometry]
-        if tilt_deg > MOST_TILT_DEG and regions:
-            rule = f"keeps airflow out, which is not known for axes {MOST_TILT_DEG:g} deg or more from the module's"
-            yield ("exposure", regions[0]), f"{rule}: set geometry = false, but got {tilt_deg:.4g} deg"
 
     def _broken_hinges(self) -> Broken:
         """Yield the broken rule of a set of hinge angles without any clear fold."""
@@ -451,7 +431,7 @@ class Task(Value):
                 "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
                 "task_seed": None,
                 "search": self.search.model_copy(update=lengths),
-                "flight": self.flight.to_si(*units, grows=grows),
+                "flight": self.flight.to_si(*units, grows=grows, maximized=self.search.maximize is not None),
                 "goals": Goals(),
             }
         )
@@ -499,7 +479,8 @@ class ResolvedTask(Task):
         task, before = self.model_copy(update={"end_effector": end_effector}), self.force_unit(self.n)
         after = task.force_unit(self.n)
         cases = tuple(case.regrow(before, after) for case in self.load_cases)
-        return task.model_copy(update={"load_cases": cases, "flight": self.flight.regrow(after / before)})
+        flight = self.flight.regrow(after / before, self.search.maximize)
+        return task.model_copy(update={"load_cases": cases, "flight": flight})
 
     @property
     def lightest(self) -> ResolvedTask:

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
+    from topo_search.study.objective import Objective
+
 MAX_NUMBERED = 7
 """Largest size of a matrix whose values are written into its cells; in larger ones they do not fit."""
 MAX_POINTS = 4000
@@ -162,11 +164,16 @@ def axes(across: str, up: str, *, legend: float) -> dict[str, Any]:
     return {**titles, "legend": {"orientation": "h", "y": legend}}
 
 
-def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
-    """Return the chart of the incumbent over the number of solves, above the count of each status."""
-    J = np.array([np.nan if solve.objective is None else solve.objective for solve in solves]) / lower_bound
+def progress(solves: Sequence[SolveEvent], objective: Objective, bound: float) -> Figure:
+    """Return the chart of the incumbent over the number of solves, above the count of each status.
+
+    It shows J over its lower bound, or a maximised value below its upper bound.
+    """
+    is_effort = objective.better == "less"
+    values = [objective.number(solve) for solve in solves]
+    J = np.array([np.nan if x is None else x for x in values]) / (bound if is_effort else 1.0)
     number = np.arange(1, len(solves) + 1)
-    incumbent = np.fmin.accumulate(J)
+    incumbent = (np.fmin if is_effort else np.fmax).accumulate(J)
     solved = np.flatnonzero(np.isfinite(J))
     drawn = _thin(solved)
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
@@ -186,11 +193,15 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
         if count[-1]:
             counted = line(number[sampled].tolist(), count[sampled].tolist(), status, colour, 2, dash=dash)
             traces.append({**counted, "yaxis": "y2"})
-    layout = axes("solves", "J / lower bound", legend=-0.2)
+    layout = axes("solves", "J / lower bound" if is_effort else objective.column, legend=-0.2)
     layout["xaxis"]["anchor"] = "y2"
     layout["yaxis"]["domain"] = [0.42, 1.0]
     layout["yaxis2"] = {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"}
-    if solved.size:
+    if solved.size and not is_effort:
+        low = float(np.nanpercentile(J, 10))
+        layout["shapes"] = [level(bound, width=1.5)]
+        layout["yaxis"]["range"] = [low - 0.1 * (bound - low), bound + 0.1 * (bound - low)]
+    elif solved.size:
         top = np.nanpercentile(J, 90)
         highest = max(top, float(np.nanmin(J))) + 0.1 * (top - 1.0) + 1e-3
         layout["yaxis"]["range"] = [1.0 - 0.05 * (top - 1.0), highest]
@@ -280,7 +291,7 @@ def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
 
 
 def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
-    """Plot the lowest control effort over the number of solves, and the count of each status.
+    """Plot the best design so far over the number of solves, and the count of each status.
 
     Args:
         answer: the answer of a run; of a run with goals, the level of its best design is shown.
@@ -294,12 +305,12 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
         >>> type(plot_history(read_answer("hover-2"))).__name__
         'Figure'
     """
-    bounds = {size.modules: size.lower_bound for size in answer.at_level.sizes}
+    bounds = {size.modules: size.value_bound or size.lower_bound for size in answer.at_level.sizes}
     n = _choose("modules", list(bounds), modules or (answer.best.modules if answer.best else min(bounds)))
     candidates, solves = (_of_level(answer, frame) for frame in (answer.candidates, answer.solves))
     keys = candidates.loc[candidates["modules"] == n, "key"]
     events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
-    return _plotly_figure(progress(events, bounds[n]))
+    return _plotly_figure(progress(events, answer.objective, bounds[n]))
 
 
 def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:

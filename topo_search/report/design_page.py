@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
 from topo_search.model.html import paragraph, table
+from topo_search.model.maximized import Quantity
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.value import BadInput, Fault, as_bad_input, show
 from topo_search.model.vehicle import Capability
@@ -25,9 +26,12 @@ from topo_search.report import Figure, Table, Tile
 from topo_search.report.charts import MAX_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import Compared, card, headline
+from topo_search.report.polytope import polytopes
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, modules, rounded_down
+from topo_search.report.wording import EFFORT, figures, modules, rounded_down, rounded_up
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
+from topo_search.study.largest_value import LargestValue
+from topo_search.study.objective import objective_of
 
 
 def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -40,7 +44,8 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         simulated: its simulated flights, as `read_simulated` returns them.
     """
     task = design.task
-    gap = design.gap if audit.verdict == Status.CLEAR else None  # only the effort of a clear design counts
+    # only the effort of a clear design counts, unless a value is maximised, which only a run bounds
+    gap = design.gap if audit.verdict == Status.CLEAR and design.value is None else None
     return {
         "title": f"{task.name}: {modules(task.n)}",
         "key": design.topology.key,
@@ -48,6 +53,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "tiles": tuple(headline(design, audit, gap, "in this design")),
         "notes": () if audit.inputs_words is None else (audit.inputs_words,),
         "bound": bound(design.lower_bound, gap, task),
+        "polytopes": polytopes([(design, audit)]),
         "task": task,
         "user_task": task,
         "design": design,
@@ -57,8 +63,13 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
     }
 
 
-def bound(lower_bound: float | None, gap: float | None, task: ResolvedTask) -> tuple[str, ...]:
-    """Return paragraphs on the lower bound: its value, the gap, and what it means."""
+def bound(
+    lower_bound: float | None, gap: float | None, task: ResolvedTask, value_bound: float | None = None
+) -> tuple[str, ...]:
+    """Return paragraphs on the bound of effort, or of a maximised value: its value, the gap, and what it means."""
+    objective = objective_of(task)
+    if value_bound is not None and isinstance(objective, LargestValue):
+        return tuple(_value_bound(objective.quantity, value_bound, gap, task))
     if lower_bound is None:
         return ("The design has no lower bound, so its distance from the optimum is unknown.",)
     n, attitude = task.n, task.attitude and " that keeps one attitude for all wrenches"
@@ -76,6 +87,20 @@ def bound(lower_bound: float | None, gap: float | None, task: ResolvedTask) -> t
         statement,
         f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of J.",
         meaning,
+    )
+
+
+def _value_bound(quantity: Quantity, bound: float, gap: float | None, task: ResolvedTask) -> Iterator[str]:
+    """Yield paragraphs on the upper bound of a maximised quantity."""
+    platforms, most = f"platform of {modules(task.n)}", f"{rounded_up(bound, digits=5)} {quantity.unit}"
+    yield f"Upper bound: {most} for the {quantity.words} of every {platforms}."
+    if gap is not None:
+        yield f"The gap is {gap_percent(gap)}: no {platforms} has a {quantity.words} that is larger by more."
+    yield (
+        "It holds for any tree, hinge angles and end-effector position. Thrust axes and levers cannot serve all "
+        "directions at once: the bound is what all rotors together can do for them. Geometry, except for the "
+        "lengths of levers, is neglected, so part of the gap may come from the bound rather than from the design. "
+        "It allows for the audit's tolerances. `topo-search prove` lowers it."
     )
 
 

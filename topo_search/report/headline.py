@@ -25,6 +25,8 @@ from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules, rounded_down, rounded_up
 from topo_search.study import Answer, Row, RunFolder
 from topo_search.study.columns import figures_of
+from topo_search.study.largest_value import LargestValue, ability
+from topo_search.study.objective import Objective, objective_of
 from topo_search.study.proofs import ProofState
 
 
@@ -67,15 +69,21 @@ def headline(
     Args:
         design: the design.
         audit: its audit.
-        gap: largest share of its effort that another platform of its size can save; None if unknown.
+        gap: by what share another platform of its size can be better; None if unknown.
         compared: explanation of the number of modules: what the design was compared with.
         scoped: whether the gap is proven by branch and bound, within its scope; the lower bound has no scope.
     """
     n = design.topology.n
     flight = None if audit is None else audit.flight
+    objective = objective_of(design.task)
+    if isinstance(objective, LargestValue):
+        size = f"{rounded_down(design.value, digits=4)} {objective.quantity.unit}"
+        yield Tile(f"Largest {objective.number_words}", size, f"it {ability(design.task)}")
     if gap is not None:
         within = ", in the scope of the proofs" if scoped else ""
-        explanation = f"no platform of {modules(n)} can save more control effort{design.task.attitude}{within}"
+        explanation = (
+            f"no platform of {modules(n)} {objective.improvement(design, gap)}{design.task.attitude}{within}"
+        )
         yield Tile("Proven gap", gap_percent(gap), explanation)
     nearest = closest(audit)
     if nearest is not None:
@@ -133,7 +141,7 @@ def _rod(flight: Flight, audit: Audit | None) -> Tile:
 
 
 MAX_CARD_CHARACTERS = 2_500_000
-"""Largest total size of all cards in characters; designs of higher effort are dropped first."""
+"""Largest total size of all cards in characters; the worst designs are dropped first."""
 
 
 def rows_with_cards(answer: Answer, shown: Row) -> list[Row]:
@@ -151,7 +159,7 @@ class Compared(NamedTuple):
     design: Design
     audit: Audit | None
     gap: float | None
-    """Largest share of its effort that another platform of its size can save."""
+    """By what share another platform of its size can be better."""
     scoped: bool = False
     """True if branch and bound proves the gap, within its scope."""
 
@@ -171,7 +179,7 @@ def cards(shown: Iterable[Compared], best: Row) -> Iterator[dict[str, Any]]:
     characters = 0
     for compared_design in shown:
         try:
-            made_card = card(compared_design, _effort(compared_design.design, best))
+            made_card = card(compared_design, _merit(compared_design.design, best))
         except BadInput:  # the end-effector is too far away to be drawn; the ranking still has the row
             continue
         if compared_design.name != best.key:
@@ -181,7 +189,7 @@ def cards(shown: Iterable[Compared], best: Row) -> Iterator[dict[str, Any]]:
         yield made_card
 
 
-def card(compared: Compared, effort: Tile) -> dict[str, Any]:
+def card(compared: Compared, merit: Tile) -> dict[str, Any]:
     """Return the card of a design, which a page shows next to another."""
     design, audit = compared.design, compared.audit
     verdict = "none" if audit is None else str(audit.verdict)
@@ -193,18 +201,22 @@ def card(compared: Compared, effort: Tile) -> dict[str, Any]:
         "tree": Markup(tree_svg(design, None if audit is None else audit.assembly)),
         "figures": (
             Tile("Audit", verdict, "", "fragile" if fragile_margins(audit) else verdict),
-            effort,
+            merit,
             *headline(design, audit, compared.gap, "", scoped=compared.scoped),
         ),
     }
 
 
-def _effort(design: Design, best: Row) -> Tile:
-    """Return the tile of a design's control effort, relative to the winner's."""
-    is_best = design.topology.key == best.key
-    if is_best or not design.objective or not best.objective or design.topology.n != best.modules:
-        return Tile("Control effort", "lowest found" if is_best else "different size", "")
-    return Tile("Control effort", f"+{100 * (design.objective / best.objective - 1):.2f} %", "more than the best")
+def _merit(design: Design, best: Row) -> Tile:
+    """Return the tile of a design's effort, or of its value of a maximised quantity, relative to the winner's."""
+    objective, is_best = objective_of(design.task), design.topology.key == best.key
+    is_effort = objective.better == "less"
+    name = "Control effort" if is_effort else objective.least.capitalize()
+    if is_best or not objective.number(design) or not objective.number(best):
+        return Tile(name, f"{'lowest' if is_effort else 'largest'} found", "")
+    if is_effort and design.topology.n != best.modules:
+        return Tile(name, "different size", "")
+    return Tile(name, objective.difference(design, best), f"{'more' if is_effort else 'less'} than the best")
 
 
 Candidate = tuple[Row, ProofState, Audit | None]
@@ -221,20 +233,29 @@ class Column(NamedTuple):
     """Which values are better; None if the plot of designs does not offer the column."""
 
 
-def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
+def ranking(candidates: Sequence[Candidate], objective: Objective, *, proofs: bool) -> dict[str, Any]:
     """Return the table of candidates, and the plot if there are audited designs to choose from.
 
     Args:
         candidates: all candidates with their proofs and audits, in the order of the ranking.
+        objective: what makes a design the best.
         proofs: whether the table has the columns of branch and bound.
     """
-    columns = COLUMNS if proofs else COLUMNS[:-3]
+    columns, merit = COLUMNS if proofs else COLUMNS[:-3], "J [rad⁴/s⁴]"
+    if isinstance(objective, LargestValue):
+        merit, unit = objective.column, objective.quantity.unit
+        value = Column(merit, lambda row, proven, audit: _round_down(row.value, 6), better="more")
+        reach = Column(f"asked for more than [{unit}]", lambda row, proven, audit: _significant(row.reach, 6))
+        bounds = Column(f"proven bound [{unit}]", lambda row, proven, audit: _round_up(proven.proven_bound, 6))
+        proven = (COLUMNS[-3], bounds, COLUMNS[-1]) if proofs else ()
+        columns = (*COLUMNS[:2], value, *COLUMNS[2:-3], reach, *proven)
     # the page draws the points, from the filtered ranking
     layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
     plot = "choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout}
     return {
         "candidates": {
             "columns": [(column.name, column.kind, column.better) for column in columns],
+            "merit": merit,
             "rows": [[column.value(*candidate) for column in columns] for candidate in candidates],
         },
         "choice": plot if sum(audit is not None for *_, audit in candidates) > 1 else None,
@@ -249,8 +270,8 @@ def _round_down(value: float | None, digits: int = 3) -> float | None:
     return None if value is None else at_least(value, digits)
 
 
-def _round_up(value: float | None) -> float | None:
-    return None if value is None else at_most(value, 3)
+def _round_up(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None else at_most(value, digits)
 
 
 def _percent(gap: float | None) -> float | None:

@@ -45,9 +45,9 @@ def render(page: dict[str, Any]) -> str:
         lstrip_blocks=True,
     )
     absent = dict.fromkeys(
-        ("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared", "miss")
+        ("key", "design", "audit", "task", "bound", "polytopes", "reproduction", "run", "front", "compared", "miss")
     )
-    page = {**absent, "simulated": None, "notes": (), "sizes": (), "advice": (), **page}
+    page = {**absent, "simulated": None, "notes": (), "sizes": (), "advice": (), "bounded": "lower bound", **page}
     design, audit = page["design"], page["audit"]
     pictured, judged = (design, audit) if page["miss"] is None else (page["miss"]["design"], page["miss"]["audit"])
     # in order of execution

@@ -22,7 +22,8 @@ def describe(incumbent: Row | None) -> str:
     if incumbent is None:
         return "no design yet"
     gap = "" if incumbent.gap is None else f", gap {gap_percent(incumbent.gap)}"
-    return f"best {incumbent.key} J {incumbent.objective:.6g}{gap}"
+    number = f"J {incumbent.objective:.6g}" if incumbent.value is None else f"value {incumbent.value:.6g}"
+    return f"best {incumbent.key} {number}{gap}"
 
 
 def stage(phase: Phase) -> str:

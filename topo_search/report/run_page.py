@@ -10,15 +10,25 @@ from typing import Any
 import verify
 from topo_search.export.audits import broken_lines
 from topo_search.export.poses import poses_to_draw
-from topo_search.model import Audit, BadInput, Geometry, Infeasible
+from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible
 from topo_search.model.flying import DROPPED
-from topo_search.model.proven import NOT_CERTIFIED, at_least, gap_percent, upper_text
+from topo_search.model.proven import NOT_CERTIFIED, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound
 from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
-from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, rounded_down, sentence
+from topo_search.report.polytope import polytopes
+from topo_search.report.wording import (
+    figures,
+    modules,
+    near_tie_cells,
+    near_tie_columns,
+    quantity,
+    rounded_down,
+    rounded_up,
+    sentence,
+)
 from topo_search.study import (
     NEAR_BEST,
     NO_INPUTS,
@@ -32,6 +42,7 @@ from topo_search.study import (
     answer_of,
 )
 from topo_search.study.columns import kind_of
+from topo_search.study.largest_value import LargestValue
 from topo_search.study.proofs import candidates_of
 
 
@@ -85,9 +96,11 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
             *(note for size in answer.sizes for note in _size_notes(size, shown)),
         ),
         "bound": (
-            *bound(size.lower_bound, shown.gap if shown else None, request.task.resolve(n)),
+            *bound(size.lower_bound, shown.gap if shown else None, request.task.resolve(n), size.value_bound),
             *(sentence(proven) for size in answer.sizes if (proven := size.proven) is not None),
         ),
+        "bounded": size.objective.bound,
+        "polytopes": None if design is None else polytopes([(design, audit), *_runner_up(folder, size, design)]),
         "task": request.task.resolve(n),
         "user_task": request.task,
         "design": design,
@@ -125,12 +138,13 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
     if shown is None:
         return f"No design was found for {name}."
     if answer.best is None:
-        return f"No design found for {name} passed its audit; {shown.key} needs the least control effort."
+        return f"No design found for {name} passed its audit; {shown.key} has the {size.objective.least}."
     if answer.levels:
         front = f"{quantity(len(answer.points), 'design')} on the front"
-        return f"Of {front}, {shown.key} needs the least control effort."
+        return f"Of {front}, {shown.key} has the {size.objective.least}."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
-    return f"{smallest}{shown.key} is {size.statement}."
+    held = "" if answer.ability is None else f"{answer.ability} and "
+    return f"{smallest}{shown.key} {held}is {size.statement}."
 
 
 def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
@@ -175,13 +189,16 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
     charts = []
     for size in answer.sizes:
         solves = list(folder.ledger.solves(size.modules))
-        if solves and size.lower_bound > 0:
+        limit = size.lower_bound if size.value_bound is None else size.value_bound
+        if solves and limit > 0:
             caption = f"{modules(size.modules)}: {quantity(len(solves), 'solve')}"
-            charts.append((f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
+            charts.append((f"progress-{size.modules}", caption, progress(solves, size.objective, limit)))
     return {
         "sizes": _sizes(answer),
         "near_ties": tuple(_near_tie_table(size) for size in answer.sizes if len(size.near_ties) > 1),
-        **ranking(candidates, proofs=any(size.proven is not None for size in answer.sizes)),
+        "least": answer.objective.least,
+        "asked": folder.request.strategy == "randomized",
+        **ranking(candidates, answer.objective, proofs=any(size.proven is not None for size in answer.sizes)),
         "cards": () if shown is None else tuple(cards(compared_designs(folder, answer), shown)),
         "progress": tuple(charts),
         "reasons": _missed_constraints(folder, rows),
@@ -197,25 +214,48 @@ def _sizes(answer: Answer) -> Table:
             "candidates solved": f"{size.settled} of {size.candidates}",
             "statuses": size.counts,
             "feasible trees, symmetric copies included": str(size.feasible),
-            "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
+            **_bound_cell(size),
             "best": size.best.key if size.best else "none",
+            **_value_cell(size),
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
             "gap": gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
         }
         for size in answer.sizes
     ]
-    return Table.from_rows(rows, {0, 3, 4, 6, 7})
+    return Table.from_rows(rows, {0, 3, 4, *range(6, len(rows[0]))})
+
+
+def _runner_up(folder: RunFolder, size: SizeAnswer, best: Design) -> Iterator[tuple[Design, Audit | None]]:
+    """Yield the next best audited design of a size with its audit, if there is one."""
+    others = (row for row in size.top if row.clear and row.value and row.key != best.topology.key)
+    for row in islice(others, 1):
+        design, audit = folder.result_of(row)
+        if design is not None:
+            yield design, audit
+
+
+def _bound_cell(size: SizeAnswer) -> dict[str, str]:
+    if isinstance(size.objective, LargestValue):
+        return {f"upper bound [{size.objective.quantity.unit}]": rounded_up(size.value_bound, digits=5)}
+    return {"lower bound [rad⁴/s⁴]": rounded_down(size.lower_bound, digits=5)}
+
+
+def _value_cell(size: SizeAnswer) -> dict[str, str]:
+    if isinstance(size.objective, LargestValue):
+        return {size.objective.column: rounded_down(size.best.value, digits=5) if size.best else ""}
+    return {}
 
 
 def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
-    """Return caption and table of the designs of one size that need about as little effort as the best."""
+    """Return caption and table of the designs of one size that are about as good as the best."""
     best = size.best or size.near_ties[0]
-    text = f"{modules(size.modules)}: audited designs within {100 * NEAR_BEST:g} % of the least control effort, "
+    text = f"{modules(size.modules)}: audited designs within {100 * NEAR_BEST:g} % of the {size.objective.least}, "
     text += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         text += f"; {quantity(size.near_ties_unaudited, 'more design')} within that were not audited"
-    cells = [near_tie_cells(row, best, size.rotors) for row in size.near_ties]
-    return text, Table(NEAR_TIES, cells, range(1, len(NEAR_TIES)))
+    cells = [near_tie_cells(row, size.objective.difference(row, best), size.rotors) for row in size.near_ties]
+    columns = near_tie_columns(size.objective)
+    return text, Table(columns, cells, range(1, len(columns)))
 
 
 def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:

@@ -12,6 +12,7 @@ from topo_search.model.proven import upper_text
 from topo_search.model.sensitivity import Tolerances
 from topo_search.model.value import is_zero
 from topo_search.report.wording import figures, length, quantity
+from topo_search.study.largest_value import AT_POINT, ability
 
 Facts = tuple[str, Sequence[tuple[str, str]]]
 """A group of facts: its title, then names and values."""
@@ -211,6 +212,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         centres += f"; the search keeps {upper_text(search_distance, 4)} m, so that no parts can touch"
     root = "any orientation" if search.root == "free" else "two angles of at most 90°, as in the paper"
     return (
+        *([] if search.maximize is None else [("the best platform", f"{ability(task)}, as much as possible")]),
         ("root module", root),
         ("connectors", "aligned" if search.connectors == "aligned" else "any port to any port"),
         ("margin of every clearance", length(search.margin)),
@@ -231,12 +233,7 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
         rows = [("around", around)] if flight.keeps_reserves else []
         if flight.force_reserve:
             size = f"{figures(flight.force_reserve)} N = {figures(weights[0], 3)} m_t g"
-            where = {
-                "tip": "end-effector",
-                "com": "centre of mass",
-                "both": "end-effector or at the centre of mass",
-            }
-            rows.append(("force reserve", f"{which} of {size} at the {where[flight.at]}"))
+            rows.append(("force reserve", f"{which} of {size} at the {AT_POINT[flight.at]}"))
         if flight.torque_reserve:
             rows.append(("torque reserve", f"any of {figures(flight.torque_reserve)} N m"))
         if flight.tilt_deg:

@@ -14,10 +14,9 @@ from topo_search.limits import quantity as quantity
 if TYPE_CHECKING:
     from topo_search.model import Clearance
     from topo_search.study import Row
+    from topo_search.study.objective import Objective
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
-NEAR_TIES = ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
-"""Column headings of the table of near ties."""
 
 
 def modules(n: int) -> str:
@@ -51,17 +50,25 @@ def clearance(pair: Clearance) -> str:
     return length(at_least(pair.analytic_m, 3))
 
 
-def near_tie_cells(row: Row, best: Row, rotors: int) -> tuple[str, ...]:
+def near_tie_columns(objective: Objective) -> tuple[str, ...]:
+    """Return the column headings of the table of near ties."""
+    reserves = "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod"
+    return "key", objective.number_words, *reserves
+
+
+def near_tie_cells(row: Row, difference: str, rotors: int) -> tuple[str, ...]:
     """Return a design's cells of the table of near ties; proven figures are rounded to the safe side.
 
-    `rotors`: number of rotors of the design.
+    Args:
+        row: the design.
+        difference: relative difference from the best, in words.
+        rotors: number of rotors of the design.
     """
     from topo_search.model.proven import at_most
 
-    excess_percent = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
     return (
         row.key,
-        f"+{excess_percent:.2f} %",
+        difference,
         rounded_down(row.force_reserve_N, " N"),
         rounded_down(row.torque_reserve_Nm, " N m"),
         rounded_down(row.rotors_out_hover, f" of {rotors}"),

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from topo_search.model import Audit, Design
 from topo_search.model.features import FastAir, Level, Missed, Relaxed, find_missed
 from topo_search.model.proven import gap_percent
-from topo_search.study.ledger import Row
+from topo_search.study.ledger import Row, best_of
+from topo_search.study.objective import LEAST_EFFORT, Objective
 from topo_search.study.pareto import FrontPoint, idle_goals
 from topo_search.study.tables import answer_html, candidates, front_table, shortfalls, size_html, solves
 from topo_search.topologies import Resolution
@@ -46,7 +47,7 @@ class SizeAnswer:
     """Number of classes of the exact quotient with a design: the sum of the orbits of feasible candidates. With a
     lossy symmetry each candidate counts once."""
     lower_bound: float
-    """Lower bound of the effort for this size [rad^4/s^4]."""
+    """Lower bound of the effort for this size [rad^4/s^4]; 0 if a quantity is maximised."""
     best: Row | None
     """The best design with a clear audit."""
     top: tuple[Row, ...]
@@ -69,6 +70,10 @@ class SizeAnswer:
     """True if it is proven that no topology of this size can do the task."""
     statement: str | None
     """How good the best design is: the number of candidates, and the proven gap."""
+    objective: Objective = LEAST_EFFORT
+    """What makes a design the best."""
+    value_bound: float | None = None
+    """Largest value of a maximised quantity that any platform of this size can have."""
     relaxed: Relaxed | None = None
     """Limits that give the closest trees a design when relaxed one at a time; None if they were not examined."""
     proven: str | None = None
@@ -92,10 +97,9 @@ class SizeAnswer:
 
     def gap_of(self, row: Row) -> float | None:
         """Return the largest share by which this size can improve on a design, if known."""
-        best = None if self.best is None else self.best.objective
-        if self.proven_gap is None or best is None or not row.objective:
+        if self.proven_gap is None or self.best is None or not self.objective.number(row):
             return row.gap
-        return max(0.0, 1 - (1 - self.proven_gap) * best / row.objective)
+        return self.objective.gap_after(self.proven_gap, self.objective.excess(row, self.best))
 
     _repr_html_ = size_html
 
@@ -130,7 +134,7 @@ class Answer:
         """Return the best design, or why there is none, in one line."""
         if self.best is not None:
             gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
-            words = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
+            words = f"{self.best.key}, {self.best.modules} modules, {self.objective.words(self.best, 6)}{gap}"
             return f"{words}, audit {self.best.audit}; everything is in {self.folder}"
         if self.exit_status == 1:
             return f"{self.failure}; everything is in {self.folder}"
@@ -158,15 +162,23 @@ class Answer:
 
     @property
     def best(self) -> Row | None:
-        """The best clear design of the smallest size that has one; with goals, the one of lowest effort."""
+        """The best clear design of the smallest size that has one; with goals, the one of lowest effort.
+
+        If a quantity is maximised, that of its largest value, of equals the smaller.
+        """
         if self.levels:
             return self.points[0].row if self.points else None
-        return next((size.best for size in self.sizes if size.best is not None), None)
+        return best_of(size.best for size in self.sizes)
 
     @property
     def shown(self) -> Row | None:
         """The best design, or if none is clear, that of lowest effort of the smallest feasible size."""
         return self.best or next((row for size in self.sizes for row in size.top), None)
+
+    @property
+    def objective(self) -> Objective:
+        """What makes a design the best."""
+        return next((size.objective for size in self._all_sizes), LEAST_EFFORT)
 
     @property
     def level(self) -> int:
@@ -180,14 +192,22 @@ class Answer:
 
     @property
     def smallest(self) -> str:
-        """Whether smaller sizes have a design, in words; empty unless there is a range of sizes without goals."""
-        if self.best is None or self.levels or len(self.sizes) == 1:
+        """Whether smaller sizes have a design, in words; empty unless there is a range of sizes without goals.
+
+        The most capable of all sizes is in the range's answer whatever its size, and so empty as well.
+        """
+        if self.best is None or self.levels or len(self.sizes) == 1 or self.best.value is not None:
             return ""
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
         if not fewer:
             return "the smallest requested size"
         proven = "proven" if all(size.impossible for size in fewer) else "not proven"
         return f"the smallest size with a design ({proven} that fewer, down to {fewer[0].modules}, have none)"
+
+    @property
+    def ability(self) -> str | None:
+        """What the best design does with its value of the maximised quantity; None if effort is minimised."""
+        return None if self.design is None else self.objective.ability(self.design.task)
 
     @property
     def fragile(self) -> tuple[Missed, ...]:

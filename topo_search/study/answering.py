@@ -15,13 +15,13 @@ from pathlib import Path
 from topo_search.engine import scaled_violation
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible
-from topo_search.model.proven import improvement
 from topo_search.study.answer import SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.features import ADD_TO_ANSWER, ADD_TO_SIZE
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import NEAR_BEST, Row
 from topo_search.study.ledger_file import LedgerLost, damage
+from topo_search.study.objective import LEAST_EFFORT, Objective, objective_of
 from topo_search.study.request import Request
 from topo_search.study.solving import needs_audit
 
@@ -98,18 +98,18 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     ledger, request = folder.ledger, folder.request
     contexts, space, quotient = request.contexts(n), request.space(n), request.quotient(n)
     candidates, covers, task = space.count(), request.covers(n), contexts[0].task
-    lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
+    objective = objective_of(task)
+    bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
+    lower_bound, value_bound = objective.bounds(bound)
     is_complete = impossible is not None or ledger.is_complete(contexts[0], request.starts, request.trials)
     statuses = Counter[str]()
     fewest_starts, feasible, repeated = request.starts, 0, 0
     best, closest, smallest_violation = None, None, math.inf
     top, near_best, remarks = list[Row](), list[Row](), list[str]()
-    smallest = lower_bound * (1 - 3.0e-6)  # for rounding, and for older ledgers that leave tolerances to the audit
     for row in ledger.ranking(n):  # one pass: there may be millions
-        if row.objective is not None and row.objective < smallest:  # a false bound would void all that is proven
-            raise damage(
-                ledger.path, f"{row.key} has an objective of {row.objective}, under the bound {lower_bound}"
-            )
+        if objective.breaks(row, bound):  # a false bound would void all that is proven
+            number = objective.number(row)
+            raise damage(ledger.path, f"{row.key} has an objective of {number}, beyond the bound {bound}")
         statuses[row.status] += 1
         if row.status in ("feasible", "infeasible"):
             fewest_starts = min(fewest_starts, row.asked)
@@ -118,7 +118,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
             repeated += bool(row.step)
             if best is None and row.clear:
                 best = row
-            if best and row.objective is not None and row.objective <= (1 + NEAR_BEST) * (best.objective or 0.0):
+            if best and objective.excess(row, best) <= NEAR_BEST:
                 near_best.append(row)
             if len(top) < SHOWN:
                 top.append(row)
@@ -136,12 +136,12 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         remarks.append("some candidates failed for reasons that may not recur; the same command solves them again")
     settled = candidates if impossible else statuses.total()
     if is_complete and settled < candidates:
-        number = f"{candidates - settled} of {candidates} candidates"
-        remarks.append(f"{number} were never proposed: nothing is known about them")
+        unknown = f"{candidates - settled} of {candidates} candidates"
+        remarks.append(f"{unknown} were never proposed: nothing is known about them")
     failure = None
     if best is None and top and (audit := folder.result_of(top[0])[1]) is not None:
         failure = audit.failure(task)
-    words = None if best is None else statement(best, settled - statuses["failed"], candidates, task.attitude)
+    solved = settled - statuses["failed"]
     answer = SizeAnswer(
         modules=n,
         rotors=task.rotor_count,
@@ -152,7 +152,9 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         complete=is_complete and not needs_audit(ledger, contexts, request.starts),
         statuses=dict(statuses),
         feasible=feasible,
-        lower_bound=lower_bound,
+        objective=objective,
+        lower_bound=lower_bound or 0.0,
+        value_bound=value_bound,
         best=best,
         top=tuple(top),
         near_ties=tuple(sorted((row for row in near_best if row.clear), key=_reserve_order)),
@@ -162,15 +164,17 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         failure=failure,
         covers_size=covers,
         impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
-        statement=words,
+        statement=None if best is None else statement(best, solved, candidates, objective, task.attitude),
     )
     for add in ADD_TO_SIZE:
         answer = add(folder, answer)
     return answer
 
 
-def statement(best: Row, solved: int, candidates: int, attitude: str = "") -> str:
-    """State how good the best design is: the best found, and proven by the lower bound of the size.
+def statement(
+    best: Row, solved: int, candidates: int, objective: Objective = LEAST_EFFORT, attitude: str = ""
+) -> str:
+    """State how good the best design is: the best found, and proven by the bound of the size.
 
     `attitude`: see `ResolvedTask.attitude`.
     """
@@ -178,7 +182,7 @@ def statement(best: Row, solved: int, candidates: int, attitude: str = "") -> st
     words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None:
         return words
-    return f"{words}; proven{attitude}: no {best.modules}-module topology is {improvement(best.gap)}"
+    return f"{words}; proven{attitude}: no {best.modules}-module topology {objective.bound_words(best)}"
 
 
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str], attitude: str) -> str:

@@ -13,6 +13,7 @@ AUDIT_FIGURES = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_
 COLUMNS = (
     *(*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDIT_FIGURES),
     *("proven_bound", "proven_gap", "proof", "proven_problem"),
+    *("value", "value_bound", "reach"),
 )
 """Columns of `candidates.csv`: the row's fields before `asked`, then figures from audits, then proofs."""
 

@@ -9,12 +9,18 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from topo_search.engine import ExhaustiveSearch, Strategy
+from topo_search.engine.randomized import RandomizedSearch
 from topo_search.study.folder import RunFolder
+from topo_search.study.largest_value import largest_value
 from topo_search.study.pareto import add_front, write_front
 from topo_search.study.proofs import add_proofs
 from topo_search.study.relaxing import add_causes, find_causes
 from topo_search.study.solving import Tools
 from topo_search.study.tables import write_candidates
+
+__all__ = [
+    "ADD_TO_ANSWER", "ADD_TO_SIZE", "AFTER_SEARCH", "FILES", "STRATEGIES", "largest_value",
+]  # fmt: skip
 
 if TYPE_CHECKING:
     from topo_search.study.answer import Answer, SizeAnswer
@@ -43,7 +49,13 @@ def sampled_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> S
     )
 
 
-STRATEGIES = {"exhaustive": exhaustive_search, "optuna": sampled_search}
+def randomized_search(folder: RunFolder, n: int, *, bound: float, timed: bool) -> Strategy:
+    """Return the strategy that asks every candidate for more than the best value so far."""
+    request = folder.request
+    return RandomizedSearch(request.space(n), starts=request.starts, seed=request.seed)
+
+
+STRATEGIES = {"exhaustive": exhaustive_search, "randomized": randomized_search, "optuna": sampled_search}
 """Strategies by name, each made for a size, a bound for pruning, and a run with or without a time limit."""
 AFTER_SEARCH: tuple[Callable[[RunFolder, Tools], None], ...] = (find_causes,)
 """Steps after the search of all sizes, on the folder of a run without goals, or of its loosest level."""

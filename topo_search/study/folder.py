@@ -22,7 +22,7 @@ from topo_search.model.files import load_text, to_toml, validate, write_atomical
 from topo_search.model.text import csv_text, toml_data
 from topo_search.model.value import as_bad_input, faults_of
 from topo_search.study.directory import ReadOnlyFolder, RunFile, lock
-from topo_search.study.ledger import Ledger, Row
+from topo_search.study.ledger import Ledger, Row, best_of
 from topo_search.study.ledger_file import blank
 from topo_search.study.request import NO_INPUTS, Request, UserInputs, installed_versions
 
@@ -313,7 +313,7 @@ class RunFolder:
         sizes = self.request.task.sizes
         best: dict[int, Row | None] = {n: self.ledger.best_clear(n) for n in sizes}
         files = {f"best-n{n}.json": row for n, row in best.items()} if len(sizes) > 1 else {}
-        files["best.json"] = next((row for row in best.values() if row is not None), None)
+        files["best.json"] = best_of(best.values())
         for name, row in files.items():
             self.write_file(name, None if row is None else self.design_text(row))
 

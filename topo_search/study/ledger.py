@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sqlite3
 import time
 import zlib
@@ -26,6 +27,7 @@ from topo_search.model.features import Flight
 from topo_search.model.files import to_json
 from topo_search.study.directory import RunFiles
 from topo_search.study.ledger_file import LedgerLost, checked_text, damage, open_database, parse
+from topo_search.study.objective import Objective
 from topo_search.study.request import Context, Identity, digest, installed_versions
 
 FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
@@ -89,6 +91,17 @@ class Row:
     hinge_tolerance_deg: float | None = None
     """Error of all hinge angles that provably loses no clearance [deg]."""
     rod_length_m: float | None = None
+    value: float | None = None
+    """Value of the maximised quantity; None if effort is minimised."""
+    value_bound: float | None = None
+    """Largest value that any platform of this size can have."""
+    reach: float | None = None
+    """Value that the candidate was asked to exceed."""
+
+    @property
+    def rank(self) -> tuple[float, float, str]:
+        """Sort key of designs: largest value first, then lowest effort."""
+        return -(self.value or 0.0), math.inf if self.objective is None else self.objective, self.key
 
     @property
     def feasible(self) -> bool:
@@ -122,11 +135,14 @@ class SolveEvent:
     """The candidate's best objective after it [rad^4/s^4]."""
     margin: float
     """The solver's margin [m]."""
+    value: float | None = None
+    """The candidate's best value of the maximised quantity after it."""
 
 
-def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int, lower_bound: float) -> Row:
+def row_of(outcome: Outcome, key: str, modules: int, orbit: int, starts: int, bound: float, of: Objective) -> Row:
     """Return the row of a candidate after its first `starts` starts."""
-    candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=starts, lower_bound=lower_bound)
+    lower_bound, value_bound = of.bounds(bound)
+    candidate = Row(key, modules, orbit, "failed", lower_bound=lower_bound, value_bound=value_bound, asked=starts)
     if isinstance(outcome, Failed):
         return replace(candidate, worst_constraint=outcome.reason)
     if record := record_of(outcome):
@@ -135,8 +151,13 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int,
     if isinstance(outcome, Infeasible):
         shortfall = ("status", "worst_constraint", "violation", "unit")
         return replace(candidate, **{name: getattr(outcome, name) for name in shortfall})
-    gap = Design.gap_of(outcome.objective, lower_bound)
-    return replace(candidate, status="feasible", objective=outcome.objective, gap=gap)
+    gap = of.gap(outcome, bound)
+    return replace(candidate, status="feasible", objective=outcome.objective, value=outcome.value, gap=gap)
+
+
+def best_of(rows: Iterable[Row | None]) -> Row | None:
+    """Return the best of a row for each size: of the largest value if one is maximised, then the smallest."""
+    return min((row for row in rows if row is not None), key=lambda r: (-(r.value or 0.0), r.modules), default=None)
 
 
 def flight_of(audit: Audit) -> dict[str, float | int | None]:
@@ -148,7 +169,7 @@ def flight_of(audit: Audit) -> dict[str, float | int | None]:
 def score_of(row: Row, task: ResolvedTask) -> Tried:
     """Return the result of a candidate as its strategy receives it."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
-    return Tried(row.key, row.asked, row.status, row.objective, violation)
+    return Tried(row.key, row.asked, row.status, row.objective, violation, row.value)
 
 
 class _Sql:
@@ -293,7 +314,7 @@ class Ledger:
     def scores(self, context: Context) -> Iterator[Tried]:
         """Yield the candidate's result after each solve that did not fail, in the order in which they finished."""
         query = (
-            "SELECT key, asked, status, objective, violation FROM solves "
+            "SELECT key, asked, status, objective, violation, value FROM solves "
             "WHERE context = ? AND status <> 'failed' ORDER BY number"
         )
         return starmap(Tried, self._database.execute(query, (context.name,)))
@@ -364,7 +385,7 @@ class Ledger:
                     score = replace(score, status="failed") if failed else score
                     number = self._database.execute("SELECT coalesce(max(number), 0) + 1 FROM solves").fetchone()[0]
                     event = (number, time.time(), context.name, *astuple(score))
-                    self._database.execute("INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?)", event)
+                    self._database.execute("INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)", event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
@@ -397,18 +418,18 @@ class Ledger:
 
     def ranking(self, n: int) -> Iterator[Row]:
         """Yield the row of each candidate of n modules: by objective, then key, those without a design last."""
-        query = f"{_Sql.select} {_Sql.ranked} ORDER BY objective IS NULL, objective, key"
+        query = f"{_Sql.select} {_Sql.ranked} ORDER BY objective IS NULL, value DESC, objective, key"
         return starmap(Row, self._database.execute(query, (n, self._contexts)))
 
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
-        query = f"{_Sql.select} {_Sql.ranked} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
+        query = f"{_Sql.select} {_Sql.ranked} AND audit = 'clear' ORDER BY value DESC, objective, key LIMIT 1"
         return next(starmap(Row, self._database.execute(query, (n, self._contexts))), None)
 
     def solves(self, n: int) -> Iterator[SolveEvent]:
         """Yield the solves of n modules in the order in which they finished."""
         query = (
-            "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
+            "SELECT at, key, status, objective, margin, value FROM solves JOIN contexts USING (context) "
             f"WHERE modules = ? AND {_Sql.in_contexts} "
             "AND status <> 'impossible' ORDER BY number"  # a proof is not a solve
         )
@@ -417,7 +438,7 @@ class Ledger:
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return `count` designs of a context, ranked by objective and key, starting at index `first`."""
         designs = f"{_Sql.select} WHERE context = ? AND objective IS NOT NULL"
-        query = f"{designs} ORDER BY objective, key LIMIT ? OFFSET ?"
+        query = f"{designs} ORDER BY value DESC, objective, key LIMIT ? OFFSET ?"
         return [*starmap(Row, self._database.execute(query, (context.name, count, first)))]
 
     def _text(self, column: str, context: Context, key: str) -> str | None:

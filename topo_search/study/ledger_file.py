@@ -27,7 +27,7 @@ KEPT = "all results are kept; run the same command to continue"
 """Note (PEP 678) on the exception that ends a run early, once its results are safe."""
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 9
+VERSION = 10
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};
@@ -45,16 +45,16 @@ CREATE TABLE candidates (
     seconds REAL NOT NULL,
     audit TEXT, asked INTEGER NOT NULL, audit_failure TEXT, margin REAL NOT NULL, step INTEGER NOT NULL,
     force_reserve_N REAL, torque_reserve_Nm REAL, rotors_out_hover INTEGER, load_factor REAL, joint_moment_Nm REAL,
-    hinge_tolerance_deg REAL, rod_length_m REAL,
+    hinge_tolerance_deg REAL, rod_length_m REAL, value REAL, value_bound REAL, reach REAL,
     standing INTEGER NOT NULL, result_checksum INTEGER, audit_checksum INTEGER, PRIMARY KEY (context, key)
 ) WITHOUT ROWID;
 CREATE TABLE texts (context TEXT NOT NULL, key TEXT NOT NULL, result BLOB, audit BLOB, PRIMARY KEY (context, key));
 CREATE TABLE solves (
     number INTEGER PRIMARY KEY, at REAL NOT NULL, context TEXT NOT NULL, key TEXT NOT NULL, asked INTEGER NOT NULL,
-    status TEXT NOT NULL, objective REAL, violation REAL
+    status TEXT NOT NULL, objective REAL, violation REAL, value REAL
 );
 CREATE TABLE files (name TEXT NOT NULL, digest BLOB NOT NULL, PRIMARY KEY (name, digest)) WITHOUT ROWID;
-CREATE INDEX ranking ON candidates (context, objective, key);
+CREATE INDEX ranking ON candidates (context, value DESC, objective, key);
 COMMIT;
 """
 """`run`: the identity and the latest request. `standing`: whether this row represents its candidate, rather than
@@ -62,6 +62,14 @@ one with another margin. `texts`: results and audits in JSON; their checksums ar
 text. `solves`: one row per solve, in order of completion, with the candidate's result after `asked` starts;
 strategies are replayed from them. `ended_...`: the request for which the strategy last finished. `files`: digests
 of all contents that the run wrote into files of its folder (`directory`)."""
+OLDER = 9
+UPGRADE = f"""
+BEGIN; ALTER TABLE candidates ADD COLUMN value REAL; ALTER TABLE candidates ADD COLUMN value_bound REAL;
+ALTER TABLE candidates ADD COLUMN reach REAL; ALTER TABLE solves ADD COLUMN value REAL;
+DROP INDEX ranking; CREATE INDEX ranking ON candidates (context, value DESC, objective, key);
+PRAGMA user_version = {VERSION}; COMMIT;
+"""
+"""Columns that an `OLDER` ledger lacks; one that is only read is upgraded in memory."""
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -131,6 +139,12 @@ def _open(uri: str, path: Path, *, read_only: bool, maps: bool = True) -> sqlite
             database.execute("PRAGMA synchronous = FULL")
             database.execute("BEGIN IMMEDIATE")  # creates the log, whose loss is noticed from then on
             database.execute("ROLLBACK")
+        if _pragma(database, "user_version") == OLDER:
+            if read_only:
+                file, database = database, sqlite3.connect(":memory:", isolation_level=None)
+                with closing(file):
+                    file.backup(database)
+            database.executescript(UPGRADE)
     except BaseException:
         database.close()
         raise
@@ -141,7 +155,7 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     """Refuse a file that is not a ledger, or is damaged, before anything is written to it."""
     if _pragma(database, "application_id") != APPLICATION_ID:
         raise refusal(path, "is an SQLite file of another program")
-    if (version := _pragma(database, "user_version")) != VERSION:
+    if (version := _pragma(database, "user_version")) not in (OLDER, VERSION):
         raise refusal(path, f"has version {version}, but this program reads version {VERSION}")
     # all but `texts`, which have checksums
     for table in ("sqlite_schema", "run", "contexts", "candidates", "solves", "files"):

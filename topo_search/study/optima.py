@@ -20,6 +20,7 @@ from topo_search.model.value import Index, Number, Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row, row_of
+from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.progress import solving_phase
 from topo_search.study.request import Context
 from topo_search.study.solving import Tools, audit_best
@@ -142,8 +143,7 @@ def _record_if_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:
     if not clear or not isinstance(recorded, Design) or clear[0].objective >= (1 - TOLERANCE) * recorded.objective:
         return False
     design = clear[0].model_copy(update={"solver": recorded.solver})
-    bound = row.lower_bound or 0.0
-    better = row_of(design, key=row.key, modules=row.modules, orbit=row.orbit, starts=row.asked, lower_bound=bound)
+    better = row_of(design, row.key, row.modules, row.orbit, row.asked, row.lower_bound or 0.0, LEAST_EFFORT)
     folder.ledger.record(context, [(replace(better, margin=row.margin, step=row.step), design)])
     return True
 

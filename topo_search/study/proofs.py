@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
-from topo_search.model.proof import Aim, Problem
-from topo_search.model.proven import gap_percent, improvement, upper_text
+from topo_search.model.maximized import provable_at
+from topo_search.model.proof import Aim, Problem, most_effort
+from topo_search.model.proven import gap_percent, upper_text
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
+from topo_search.study.objective import objective_of
 
 if TYPE_CHECKING:
     from topo_search.study.answer import SizeAnswer
@@ -24,42 +26,54 @@ class ProofState(NamedTuple):
     """What is proven about one tree."""
 
     proven_bound: float | None
-    """No design of the tree costs less [rad^4/s^4]."""
+    """No design of the tree costs less [rad^4/s^4], or holds as much of the maximised quantity."""
     proven_gap: float | None
-    """1 - proven_bound / objective: largest share by which it can improve on its best design."""
+    """Largest share by which it can improve on its best design: 1 - bound / objective, or bound / value - 1."""
     proven_problem: Problem | None
     """Designs that the bound covers."""
     proof: str | None
     """`excluded`: cannot beat the run's best; `within`: not below a cut under the best; `open`; `impossible`."""
 
 
-def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState:
+def proof_state(row: Row, proof: Proof | None, best: Row | None) -> ProofState:
     """Return what is proven of a tree.
 
     Args:
         row: the tree's row.
         proof: the tree's proof, if there is one.
-        best: effort of the best design of its size with a clear audit, if there is one.
+        best: the best design of its size with a clear audit, if there is one.
     """
     if row.status == "impossible":
         return ProofState(None, None, None, "impossible")
     if proof is None:
         return ProofState(None, None, None, None)
-    bound = proof.cut if proof.complete else row.lower_bound
-    word = "open"
+    bound, word = row.lower_bound if row.value_bound is None else row.value_bound, "open"
     if proof.complete:
-        word = "excluded" if best is not None and proof.cut >= best else "within"
-    gap = None
-    if bound is not None and row.objective:
-        gap = max(0.0, 1 - bound / row.objective)
-    return ProofState(bound, gap, proof.problem, word)
+        bound = proof.bound
+        word = "excluded" if best is not None and proof.level >= floor_of(proof.task, best) else "within"
+    gap = None if bound is None or row.objective is None else objective_of(proof.task).gap(row, bound)
+    return ProofState(bound, None if gap is None else max(0.0, gap), proof.problem, word)
+
+
+def floor_of(task: ResolvedTask, best: Row, gap: float = 0.0) -> float:
+    """Return the level of a proof that no design is better than the best by more than a gap."""
+    number = objective_of(task).number(best) or 0.0
+    return number * (1 - gap) if task.search.maximize is None else -number * (1 + gap)
+
+
+def concerns(proof: Proof, task: ResolvedTask) -> bool:
+    """True if a proof is about the effort of a task, or about a value of its maximised quantity."""
+    value = proof.task.search.reached
+    if task.search.maximize is None:
+        return proof.task == task
+    return value is not None and proof.task == provable_at(task, value) and proof.cut >= most_effort(proof.task)
 
 
 def candidates_of(folder: RunFolder, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
     """Yield every candidate of n modules, lowest effort first, with its proof and its audit."""
     proofs, best, contexts = proofs_of(folder, n), folder.ledger.best_clear(n), folder.request.contexts(n)
     for row in folder.ledger.ranking(n):
-        state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
+        state = proof_state(row, proofs.get(row.key), best)
         yield row, state, folder.ledger.audit(contexts[row.step], row.key) if row.audit else None
 
 
@@ -70,7 +84,7 @@ def proofs_of(folder: RunFolder, n: int) -> dict[str, Proof]:
         BadInput: one of them is damaged, or contradicts a design.
     """
     task = folder.request.contexts(n)[0].task
-    return {proof.topology_key: proof for proof in _sound_proofs(folder, n) if proof.task == task}
+    return {proof.topology_key: proof for proof in _sound_proofs(folder, n) if concerns(proof, task)}
 
 
 def unfinished_proofs(folder: RunFolder, n: int) -> dict[str, Proof]:
@@ -81,7 +95,7 @@ def unfinished_proofs(folder: RunFolder, n: int) -> dict[str, Proof]:
     """
     task = folder.request.contexts(n)[0].task
     proofs = folder.read_files(RunFile.UNFINISHED, Proof)
-    return {key: proof for key, proof in proofs.items() if proof.task == task}
+    return {key: proof for key, proof in proofs.items() if concerns(proof, task)}
 
 
 def proofs_for(folder: RunFolder, task: ResolvedTask) -> dict[str, Proof]:
@@ -91,28 +105,38 @@ def proofs_for(folder: RunFolder, task: ResolvedTask) -> dict[str, Proof]:
         BadInput: one of them is damaged, or contradicts a design.
     """
     proofs = (proof for proof in _sound_proofs(folder, task.n) if proof.complete)
-    valid = [proof for proof in proofs if proofs_hold_for(proof.task, task)]
-    return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in valid}
+    valid = dict[str, Proof]()
+    for proof in proofs:
+        value = proof.task.search.reached
+        stated = provable_at(task, value) if value is not None and task.search.maximize else task
+        if proofs_hold_for(proof.task, stated):
+            valid[proof.topology_key] = proof.model_copy(update={"task": stated})
+    return valid
 
 
 def _sound_proofs(folder: RunFolder, n: int) -> Iterator[Proof]:
     """Yield all proofs of a folder; refuse one of n modules that excludes a design with a clear audit."""
     if not (proofs := folder.read_files(RunFile.PROOFS, Proof)):
         return
-    clear = {row.key: row.objective for row in folder.ledger.ranking(n) if row.clear}
+    clear = {row.key: row for row in folder.ledger.ranking(n) if row.clear}
     for name, proof in proofs.items():
-        design = clear.get(proof.topology_key)
-        if proof.task.n == n and proof.complete and design is not None and design < proof.cut:
+        design, objective = clear.get(proof.topology_key), objective_of(proof.task)
+        if (
+            proof.task.n == n
+            and proof.complete
+            and design is not None
+            and floor_of(proof.task, design) < proof.level
+        ):
             rule = (
-                f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
-                "remove it, and run `topo-search prove` again"
+                f"proves {objective.claim(proof.bound)} of a tree with an audited design of "
+                f"{objective.number(design)!r}: remove it, and run `topo-search prove` again"
             )
             raise BadInput(str(folder.path / RunFile.PROOFS / name), rule)
         yield proof
 
 
 def target(row: Row, best: float, gap: float) -> tuple[Aim, float]:
-    """Return the aim of a tree's proof and its cut.
+    """Return the aim of a tree's proof about effort and its cut.
 
     Returns:
         `excluded` and the effort of the run's best; or `within` and the effort `gap` under the tree's own best, if
@@ -155,7 +179,7 @@ def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
     n, best, proofs = size.modules, size.best, proofs_of(folder, size.modules)
     if best is None or best.objective is None or not proofs:
         return size
-    states = {row.key: proof_state(row, proofs.get(row.key), best.objective) for row in folder.ledger.ranking(n)}
+    states = {row.key: proof_state(row, proofs.get(row.key), best) for row in folder.ledger.ranking(n)}
     counts = Counter(state.proof or "not examined" for state in states.values())
     words = {
         "excluded": "cannot beat the best",
@@ -171,7 +195,7 @@ def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
     unproven = [key for key, state in states.items() if state.proof in ("open", None)]
     unfinished = unfinished_proofs(folder, n)
     latest, incomplete = {**proofs, **unfinished}, (*unproven, *unfinished)
-    stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best.objective)]
+    stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best)]
     resumable = tuple(key for key in incomplete if key not in stuck)
     if unproven or unsolved:
         sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven for the size while some are open"
@@ -210,18 +234,25 @@ def claim_of(
     Args:
         folder: the run's folder.
         best: the best design of the size.
-        bounds: bounds of the trees with a complete proof [rad^4/s^4].
+        bounds: bounds of the trees with a complete proof [rad^4/s^4, or unit of the maximised quantity].
         problems: designs that each of the proofs covers; the claim covers those that all of them do.
     """
-    effort, n = best.objective or 0.0, best.modules
-    gap = max(0.0, 1 - min(bounds, default=effort) / effort)
+    task, n = folder.request.contexts(best.modules)[0].task, best.modules
+    objective = objective_of(task)
+    number = objective.number(best) or 0.0
+    bound = min(bounds, default=number) if task.search.maximize is None else max(bounds, default=number)
+    gap = max(0.0, objective.gap(best, bound) or 0.0)
     subject = f"no {n}-module topology" if folder.request.covers(n) else f"none of the {n}-module candidates"
     about: Problem = "solver" if "solver" in problems else "task"
-    return gap, f"{subject} is {improvement(gap)}", problem(folder.request.contexts(n)[0].task, about)
+    claim = objective.bound_words(replace(best, gap=gap, value_bound=bound))
+    stated = task if task.search.maximize is None else provable_at(task, bound)
+    return gap, f"{subject} {claim}", problem(stated, about)
 
 
 def sizes_with_best(folder: RunFolder, key: str | None) -> list[tuple[int, Row, float, list[Row]]]:
-    """Return each size with a clear design: n, its best design, its effort, and all rows, or only that of `key`.
+    """Return each size with a clear design: n, its best design, its number, and all rows, or only that of `key`.
+
+    The number is its effort, or its value of the maximised quantity.
 
     Raises:
         BadInput: no row has the key, or no size has such a design.
@@ -232,15 +263,16 @@ def sizes_with_best(folder: RunFolder, key: str | None) -> list[tuple[int, Row, 
     if key is not None and not any(rows.values()):
         raise BadInput(str(folder.path), f"has no candidate {key}")
     best = ((n, folder.ledger.best_clear(n)) for n in rows)
-    sizes = [(n, row, row.objective, rows[n]) for n, row in best if row is not None and row.objective]
+    number = objective_of(folder.request.task).number
+    sizes = [(n, row, number(row) or 0.0, rows[n]) for n, row in best if row is not None and number(row)]
     if not sizes:
         raise BadInput(str(folder.path), "has no audited design to prove against")
     return sizes
 
 
-def is_stuck(proof: Proof, best: float) -> bool:
-    """True if a proof has a chunk that cannot be closed even at the lowest cut that its gap allows."""
-    return proof.open_at is not None and proof.cut <= best * (1 - proof.gap)
+def is_stuck(proof: Proof, best: Row) -> bool:
+    """True if a proof has a chunk that cannot be closed even at the lowest level that its gap allows."""
+    return proof.open_at is not None and proof.level <= floor_of(proof.task, best, proof.gap)
 
 
 def problem(task: ResolvedTask, about: Problem) -> str:
@@ -263,9 +295,10 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
     attitude = f", the same for all wrenches ({task.attitude.strip()})" if task.attitude else ""
+    effect = "raise the control effort" if task.search.maximize is None else "lower what a platform holds"
     is_set = task.search.hinge_set_deg is not None
     hinges = "hinge angles of the task's set" if is_set else "hinge angles within 90 deg either way"
     return (
         f"scope: {connectors}{root}{attitude}, {hinges}, every wrench and input within the audit's "
-        f"tolerance; {distances}; all other requirements are left out, and can only raise the control effort"
+        f"tolerance; {distances}; all other requirements are left out, and can only {effect}"
     )

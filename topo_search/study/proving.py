@@ -26,7 +26,8 @@ from topo_search.model import (
     Topology,
 )
 from topo_search.model.files import to_json
-from topo_search.model.proof import Aim, Problem, chunk_count
+from topo_search.model.maximized import provable_at
+from topo_search.model.proof import Aim, Problem, chunk_count, most_effort
 from topo_search.model.proven import gap_percent, lower_text, upper_text
 from topo_search.study.answer import Answer
 from topo_search.study.answering import answer_of, detect_loss
@@ -34,8 +35,18 @@ from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
+from topo_search.study.objective import LEAST_EFFORT, Objective, objective_of
 from topo_search.study.progress import EXPECTED, Observer, Phase
-from topo_search.study.proofs import claim_of, proofs_for, proofs_of, sizes_with_best, target, unfinished_proofs
+from topo_search.study.proofs import (
+    claim_of,
+    concerns,
+    floor_of,
+    proofs_for,
+    proofs_of,
+    sizes_with_best,
+    target,
+    unfinished_proofs,
+)
 from topo_search.study.request import Request
 from topo_search.study.tables import write_candidates
 
@@ -65,7 +76,7 @@ class _SizeProofs:
     folder: RunFolder
     observer: Observer
     floor: float
-    """Lowest cut, `gap` under the run's best, for trees with no proof at a higher one [rad^4/s^4]."""
+    """Lowest level: `gap` under the run's best effort, or the negative of the value `gap` above its best."""
     proofs: dict[str, Proof] = field(default_factory=dict)
     complete: dict[str, Proof] = field(default_factory=dict)
     """Complete proofs at the start; each stays until a better one is complete."""
@@ -103,24 +114,25 @@ class _SizeProofs:
         elif result.outcome != "closed" and not was_open:
             state = "impossible, but without a proof to check" if key in self.impossible else "open"
             if key in self.complete:
-                state = f"no more than before is proven (J >= {lower_text(self.complete[key].cut)} rad^4/s^4)"
+                claim = objective_of(proof.task).claim(self.complete[key].bound)
+                state = f"no more than before is proven ({claim})"
             self.observer.note(f"{key}: {state}: {_cause(result)}")
 
     def can_lower(self, proof: Proof) -> bool:
         """True if a proof at the lowest cut would show more than what is complete."""
-        return proof.cut > self.floor and self.gains(_lower(proof, self.floor))
+        return proof.level > self.floor and self.gains(_lower(proof, self.floor))
 
     def gains(self, proof: Proof) -> bool:
         """True if a proof, once complete, shows more than the one that is complete."""
         complete = self.complete.get(proof.topology_key)
-        return complete is None or not _shows(complete, proof.cut, proof.problem)
+        return complete is None or not _shows(complete, proof.level, proof.problem)
 
     @property
     def open_trees(self) -> tuple[str, ...]:
         """Keys of the trees for which less is proven than requested."""
         incomplete = [proof for proof in self.proofs.values() if not proof.complete]
         # a proof that is stuck at a higher cut was not lowered: the lowest one is proven
-        open_keys = (p.topology_key for p in incomplete if p.open_at is None or p.cut <= self.floor)
+        open_keys = (p.topology_key for p in incomplete if p.open_at is None or p.level <= self.floor)
         return tuple(key for key in open_keys if key not in self.impossible)
 
     def write(self) -> None:
@@ -185,31 +197,30 @@ def prove(
             for n, incumbent, best, rows in sizes:
                 rows.sort(key=lambda row: row.status == "impossible")  # last: only `--check` uses their proofs
                 impossible = frozenset(row.key for row in rows if row.status == "impossible")
-                size = _SizeProofs(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
+                size = _SizeProofs(folder, observer, floor_of(task, incumbent, gap), impossible=impossible)
                 reusable_proofs = _reusable_proofs(source_run, task)
                 stored_proofs = proofs_of(folder, n)
                 size.complete = {key: proof for key, proof in stored_proofs.items() if proof.complete}
                 unfinished = unfinished_proofs(folder, n)
                 for row in rows:
-                    aim, cut = target(row, best, gap)
+                    wanted = _target_proof(task, row, best, gap, problem, centre)
                     stored = (proofs.get(row.key) for proofs in (stored_proofs, unfinished))
-                    sufficient = (p for p in stored if p and _is_sufficient(p, cut, size.floor, gap, problem))
+                    sufficient = (p for p in stored if p and _is_sufficient(p, wanted, size.floor))
                     proof, other = next(sufficient, None), reusable_proofs.get(row.key)
                     if proof is not None:
                         if proof.open_at is not None and size.can_lower(proof):
                             proof = _lower(proof, size.floor)
                     elif other is not None and _shows(other, size.floor, problem) and size.gains(other):
-                        reached: Aim = "excluded" if other.cut >= best else "within"
+                        reached: Aim = "excluded" if other.level >= floor_of(task, incumbent) else "within"
                         proof = other.model_copy(update={"aim": reached, "gap": gap})
                         size.unwritten.add(row.key)
                     else:
-                        scope = {"gap": gap, "problem": problem, "aim": aim, "cut": cut}
-                        root = centre(task, Topology.from_key(row.key))
-                        proof = Proof(task=task, topology_key=row.key, root_module=root, **scope)
+                        proof = wanted
                     size.proofs[row.key] = proof
                 searched_cuts = dict[str, float]()
-                if task.end_effector.rod_mass == "included" and any(p.due_chunks() for p in size.proofs.values()):
+                has_mass = task.end_effector.rod_mass == "included" and task.search.maximize is None
+                if has_mass and any(p.due_chunks() for p in size.proofs.values()):
                     _tell_reach(folder, task, incumbent, solve, engine, observer)
                 while searched_cuts != (cuts := {key: proof.cut for key, proof in size.proofs.items()}):
                     searched_cuts = cuts  # trees whose cut is lowered during the search are searched again
@@ -240,6 +251,24 @@ def prove(
         answer = answer_of(folder)
         answered = (replace(size, proof_open=open_trees.get(size.modules, ())) for size in answer.sizes)
         return replace(answer, sizes=tuple(answered))
+
+
+def _target_proof(
+    task: ResolvedTask,
+    row: Row,
+    best: float,
+    gap: float,
+    problem: Problem,
+    centre: Callable[[ResolvedTask, Topology], int],
+) -> Proof:
+    """Return the proof of a tree that is asked for, without chunks."""
+    aim, cut = target(row, best, gap) if task.search.maximize is None else ("within", 0.0)
+    if task.search.maximize is not None:
+        task = provable_at(task, best * (1 + gap))
+        cut = most_effort(task)
+    root = centre(task, Topology.from_key(row.key))
+    scope = {"gap": gap, "problem": problem, "aim": aim, "cut": cut}
+    return Proof(task=task, topology_key=row.key, root_module=root, **scope)
 
 
 def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
@@ -289,16 +318,16 @@ def _refuse_goals(request: Request, name: str) -> None:
         raise BadInput(name, "has goals: a proof needs a single objective; run the task without goals")
 
 
-def _is_sufficient(proof: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
+def _is_sufficient(proof: Proof, wanted: Proof, floor: float) -> bool:
     """True if a stored proof shows at least what is requested, is a part of that, or all that this gap led to."""
     if proof.complete:
-        return _shows(proof, floor if proof.gap == gap else cut, problem)
-    return proof.cut in (cut, floor) and proof.problem == problem
+        return _shows(proof, floor if proof.gap == wanted.gap else wanted.level, wanted.problem)
+    return proof.level in (wanted.level, floor) and proof.problem == wanted.problem
 
 
-def _shows(proof: Proof, cut: float, problem: Problem) -> bool:
-    """True if a complete proof excludes all designs of a problem below a cut."""
-    return proof.cut >= cut and proof.problem in ("task", problem)
+def _shows(proof: Proof, level: float, problem: Problem) -> bool:
+    """True if a complete proof shows a level for the designs of a problem."""
+    return proof.level >= level and proof.problem in ("task", problem)
 
 
 def _reusable_proofs(source_run: Path | None, task: ResolvedTask) -> dict[str, Proof]:
@@ -319,6 +348,8 @@ def _lower(proof: Proof, floor: float) -> Proof:
 
 def _claim(proof: Proof, floor: float) -> str:
     """Return what a complete proof shows, in words."""
+    if proof.task.search.maximize is not None:
+        return f"proven, {objective_of(proof.task).claim(proof.bound)}"
     if proof.aim == "excluded":
         return "proven, cannot beat the best"
     reference = "the best" if proof.cut == floor else "its own best"
@@ -343,7 +374,8 @@ class CheckedTree:
     key: str
     modules: int
     bound: float | None = None
-    """Lower bound of the effort, if the tree is checked and nothing in the run is refused [rad^4/s^4]."""
+    """Effort that every design needs [rad^4/s^4], or value that none holds, if the tree is checked and nothing in
+    the run is refused."""
     problem: Problem = "task"
     """Designs that the bound covers."""
     fault: str | None = None
@@ -375,6 +407,8 @@ class Checked:
     faults: list[str] = field(default_factory=list)
     """Faults other than those of single trees."""
 
+    objective: Objective = LEAST_EFFORT
+    """What the bounds are about."""
     missing: int = 0
     """Number of candidates that the run has not solved yet; 0 if only one tree is checked."""
 
@@ -418,7 +452,7 @@ def check(
     checked = Checked()
     with RunFolder.load(path) as folder:
         _refuse_goals(folder.request, str(path))
-        sizes = sizes_with_best(folder, key)
+        checked.objective, sizes = objective_of(folder.request.task), sizes_with_best(folder, key)
         for n, best, _, rows in sizes:
             if not rows:
                 continue
@@ -470,7 +504,7 @@ def _examine(
         tree.left = "impossible" if row.status == "impossible" else state
     if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
-    tree.bound, tree.problem = proof.cut, proof.problem
+    tree.bound, tree.problem = proof.bound, proof.problem
     return tree, proof
 
 
@@ -534,7 +568,7 @@ def _mismatch(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     """Say why a proof does not belong to this tree and task."""
     if proof.topology_key != key:
         return f"{RunFile.PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
-    if proof.task != task:
+    if not concerns(proof, task):
         return f"{RunFile.PROOFS}/{key} is about another task"
     numbers = [chunk.number for chunk in proof.chunks]
     if len(set(numbers)) < len(numbers):
@@ -554,4 +588,5 @@ def _sentence(folder: RunFolder, trees: list[CheckedTree], best: Row, candidates
         return ", ".join([f"{len(checked)} of {candidates} trees checked", *unproven]) + impossible
     bounds = [tree.bound for tree in checked if tree.bound is not None]
     _, claim, scope = claim_of(folder, best, bounds, [tree.problem for tree in checked])
-    return f"checked: {claim} than {best.key} ({len(checked)} of {candidates} trees{impossible}); {scope}"
+    than = f" than {best.key}" if folder.request.task.search.maximize is None else ""
+    return f"checked: {claim}{than} ({len(checked)} of {candidates} trees{impossible}); {scope}"

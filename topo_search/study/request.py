@@ -28,7 +28,7 @@ from topo_search.model.features import Level, on_paper
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
-StrategyName = Literal["exhaustive", "optuna"]
+StrategyName = Literal["exhaustive", "randomized", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 DEFAULT_ROUND = 8
 """Default number of open proposals: those whose results may be unknown when the next one is made."""
@@ -185,8 +185,12 @@ class Request:
         ):
             if value not in choices:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, but got {value!r}")
-        if self.user_inputs.topologies is not None and self.strategy != "exhaustive":
-            raise ValueError("`topologies` requires the strategy `exhaustive`: all listed trees are solved")
+        if self.user_inputs.topologies is not None and self.strategy == "optuna":
+            raise ValueError("`topologies` cannot be combined with the strategy `optuna`: all are solved")
+        if self.strategy == "randomized" and self.task.search.maximize is None:
+            raise ValueError("the strategy `randomized` requires `search.maximize`")
+        if self.prune and self.task.search.maximize is not None:
+            raise ValueError("`prune` cannot be combined with `search.maximize`: it compares efforts")
         if self.user_inputs.sampler is not None and self.strategy != "optuna":
             raise ValueError("a sampler of your own requires the strategy `optuna`")
 
@@ -196,17 +200,17 @@ class Request:
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
         if self.task.goals.names:
             tasks.append(self.task.goals.model_dump(mode="json"))
-        exhaustive = self.strategy == "exhaustive"
+        sampled = self.strategy == "optuna"
         return Identity(
             task=digest(tasks),
             seed=self.seed,
             symmetry=self.symmetry,
             strategy=self.strategy,
-            prune=self.prune if exhaustive else None,
-            sampler=None if exhaustive or self.user_inputs.sampler is not None else self.sampler,
+            prune=self.prune if self.strategy == "exhaustive" else None,
+            sampler=self.sampler if sampled and self.user_inputs.sampler is None else None,
             own=None if self.user_inputs == NO_INPUTS else self.user_inputs,
-            round_size=DEFAULT_ROUND if exhaustive else self.round_size,
-            proposals="by whole rounds" if exhaustive else "ahead of results",
+            round_size=self.round_size if sampled else DEFAULT_ROUND,
+            proposals="ahead of results" if sampled else "by whole rounds",
         )
 
     @property

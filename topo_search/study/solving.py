@@ -36,6 +36,7 @@ from topo_search.engine import (
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score_of
+from topo_search.study.objective import objective_of
 from topo_search.study.progress import AUDIT_BATCH, Observer, PhaseName, audit_phase, solving_phase
 from topo_search.study.request import Context, Margins, Request
 
@@ -69,15 +70,13 @@ class ProposedJobs(Iterator[Job | None]):
     is_finished = False
     """True once the strategy was told the results of all its proposals."""
 
-    def __init__(
-        self, strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, observer: Observer
-    ) -> None:
+    def __init__(self, strategy: Strategy, folder: RunFolder, n: int, bound: float, observer: Observer) -> None:
         """Read the earlier results of all candidates of n modules, and ask for the first job."""
         request, ledger = folder.request, folder.ledger
         self._strategy = strategy
         self._ledger = ledger
         self._context = context = request.contexts(n)[0]
-        self._lower_bound = lower_bound
+        self._bound = bound
         self._observer = observer
         self._previous = None if request.previous is None else request.previous.contexts(n)[0]
         """The context of the previous level, whose designs warm-start the same trees."""
@@ -105,10 +104,10 @@ class ProposedJobs(Iterator[Job | None]):
 
     def record(self, job: Job, outcome: Outcome) -> None:
         """Record the outcome of a job, for the ledger and for the strategy."""
-        row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
+        row = record(self._ledger, self._context, job, outcome, bound=self._bound)
         self._scores[row.key].append(score_of(row, self._context.task))
         designs = [r for r in (self._incumbent, row) if r is not None and r.objective is not None]
-        self._incumbent = min(designs, key=lambda r: (r.objective, r.key), default=None)
+        self._incumbent = min(designs, key=lambda r: r.rank, default=None)
         self._report(row.key)
         self._tell()
         if self._next is None:
@@ -159,6 +158,7 @@ class ProposedJobs(Iterator[Job | None]):
             self._context.seed,
             tuple(result for result in warm_starts if isinstance(result, Design)),
             candidate.orbit,
+            proposal.reach,
         )
 
     def _report(self, key: str, *, known: bool = False) -> None:
@@ -174,7 +174,7 @@ class ProposedJobs(Iterator[Job | None]):
         return scores[index] if index < len(scores) else None
 
 
-def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
+def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, bound: float) -> Row:
     """Write the outcome of a job to the ledger, and return the candidate's row.
 
     More starts of a candidate extend its row. A failure keeps the result of earlier starts; the next run tries
@@ -189,8 +189,9 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
     result = None if isinstance(outcome, Failed) else outcome
     if result is not None and old_result is not None:
         outcome = result = merge(old_result, result, context.task)
-    row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, starts=starts, lower_bound=lower_bound)
-    row = replace(row, margin=context.margin, step=context.step)
+    row = row_of(outcome, key, context.task.n, job.orbit, starts, bound, objective_of(context.task))
+    margin = result.task.search.margin if isinstance(result, Design) else context.margin
+    row = replace(row, margin=margin, step=context.step, reach=job.reach or None)
     if old_row is not None and _is_same_platform(old_result, result):
         audit_fields = ("audit", "audit_failure", *FLIGHT)
         row = replace(row, **{name: getattr(old_row, name) for name in audit_fields})
@@ -198,17 +199,14 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
     return row
 
 
-def record_proof(folder: RunFolder, n: int, proof: Infeasible, lower_bound: float) -> None:
+def record_proof(folder: RunFolder, n: int, proof: Infeasible, bound: float) -> None:
     """Write a row for every candidate that a proof of impossibility rules out."""
-    request, space = folder.request, folder.request.space(n)
+    request, space, objective = folder.request, folder.request.space(n), objective_of(folder.request.task)
     if space.count() > 100_000:  # too many rows; the proof holds for every candidate without them
         return
     candidates = space.candidates()
     while batch := list(islice(candidates, 1000)):
-        rows = [
-            row_of(proof, key=c.key, modules=n, orbit=c.orbit, starts=request.starts, lower_bound=lower_bound)
-            for c in batch
-        ]
+        rows = [row_of(proof, c.key, n, c.orbit, request.starts, bound, objective) for c in batch]
         folder.ledger.record(request.contexts(n)[0], [(row, None) for row in rows])
 
 
@@ -235,13 +233,13 @@ def _is_same_platform(old: Design | Infeasible | None, new: Design | Infeasible 
     return old.model_copy(update={"solver": None}) == new.model_copy(update={"solver": None})
 
 
-def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> None:
+def audit_best(folder: RunFolder, n: int, bound: float, tools: Tools) -> None:
     """Audit the best designs of n modules until no unaudited design can beat the best clear one.
 
     Args:
         folder: the run's folder.
         n: number of modules.
-        lower_bound: lower bound of this size [rad^4/s^4].
+        bound: bound of the objective for this size.
         tools: solver, audit, engine and observer.
     """
     ledger, request = folder.ledger, folder.request
@@ -254,10 +252,10 @@ def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> N
             if step and (jobs := _jobs(ledger, context, pending, request)):
                 if time.monotonic() >= tools.until:
                     break
-                ledger.add_context(context, lower_bound, None)
+                ledger.add_context(context, bound, None)
                 tools.observer.phase(solving_phase("polishing", context.task, len(jobs), request.starts))
                 for job, outcome in tools.solve(jobs):
-                    record(ledger, context, job, outcome, lower_bound=lower_bound)
+                    record(ledger, context, job, outcome, bound=bound)
                     tools.observer.settled(best)
             _audit(ledger, context, _rows(ledger, context, pending), tools)
             for row in _rows(ledger, context, pending):
@@ -270,7 +268,7 @@ def needs_audit(ledger: Ledger, contexts: Sequence[Context], starts: int) -> boo
     best = ledger.best_clear(contexts[0].task.n)
     for batch in _batches(ledger, contexts[0]):
         for row in batch:
-            if best is not None and _objective(best) <= _objective(row):
+            if best is not None and best.rank[:2] <= row.rank[:2]:
                 return False
             if _is_pending(ledger, contexts, row.key, starts):
                 return True
@@ -281,7 +279,7 @@ def _batches(ledger: Ledger, context: Context) -> Iterator[list[Row]]:
     """Yield batches of designs, best first, until a clear one is at least as good as all that follow."""
     for first in count(0, AUDIT_BATCH):
         batch, best = ledger.best_designs(context, first, AUDIT_BATCH), ledger.best_clear(context.task.n)
-        if not batch or (first and best is not None and _objective(best) <= _objective(batch[0])):
+        if not batch or (first and best is not None and best.rank[:2] <= batch[0].rank[:2]):
             return
         yield batch
 
@@ -332,7 +330,3 @@ def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], tools: Tools) 
         else:
             ledger.record_audit(context, key, verdict)
         tools.observer.settled(rows[0])
-
-
-def _objective(row: Row) -> float:
-    return math.inf if row.objective is None else row.objective

@@ -76,7 +76,9 @@ def solves(path: Path) -> pd.DataFrame:
     """Return the solves in the order of completion; see `Answer.solves`."""
     columns = [field.name for field in fields(SolveEvent)]
     frame = _frame(path, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
-    return frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
+    return frame.astype({"objective": "float64", "value": "float64"}).sort_values(
+        "at", kind="stable", ignore_index=True
+    )
 
 
 def front_table(points: Sequence[FrontPoint]) -> pd.DataFrame:
@@ -110,9 +112,10 @@ def _frame(
 def size_html(size: SizeAnswer) -> str:
     """Return the best designs of this size for a notebook."""
     title = heading(f"modules: {size.modules}; candidates: {size.candidates} ({size.counts or 'none settled'})")
-    names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
+    number = size.objective.number
+    names = ("key", size.objective.column, "gap", "symmetric copies", "audit")
     rows = [
-        (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
+        (row.key, number(row), None if gap is None else gap_percent(gap), row.orbit, row.audit)
         for row, gap in ((row, size.gap_of(row)) for row in size.top)
     ]
     relaxed = size.relaxed.sentences if size.relaxed else ()
@@ -120,11 +123,11 @@ def size_html(size: SizeAnswer) -> str:
     html = title + (table(names, rows) if rows else "")
     if len(size.near_ties) > 1:
         ties = [
-            (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
+            (row.key, number(row), *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
             for row in size.near_ties
         ]
-        html += heading(f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first")
-        html += table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+        html += heading(f"within {100 * NEAR_BEST:g} % of the {size.objective.least}, largest force reserve first")
+        html += table(("key", size.objective.column, *FLIGHT), ties)
     return html + "".join(paragraph(text) for text in remarks)
 
 

@@ -48,7 +48,7 @@ from verify.flight.balls import (
 )
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
-from verify.kinematics import Platform, required_wrench, wrench_map
+from verify.kinematics import Platform, platform, required_wrench, wrench_map
 from verify.residuals import clamp
 from verify.sections import Findings
 
@@ -62,53 +62,62 @@ CASES = 20
 
 def flight(found: Findings) -> Flight | None:
     """Return the flight capability of a design beyond its task; None if its numbers are too large."""
-    design, platform, mount = found.scene.design, found.scene.platform, found.sheet.mount
+    design, placed, mount = found.scene.design, found.scene.platform, found.sheet.mount
     task, tip, errors = design.task, found.sheet.end_effector, found.figures["sensitivity"]
-    max_input = task.module.max_input(task.gravity)
-    A = wrench_map(platform, task.module) * max_input
-    N = A.shape[1]
-    inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / max_input)]
-
-    def with_com_error(c: Array) -> CapabilityAnalysis:
-        return CapabilityAnalysis(
-            np.vstack([A[:3], _torques_about(c, A)]),
-            platform.p_e - c,
-            (task.force_unit(task.n), task.module.arm_length),
-            Bounds(np.full(N, task.module.min_input), np.ones(N)),
-            dict(zip(task.case_labels, task.load_cases, strict=True)),
-            inputs,
-            inertia(design, platform),
-            task.flight.rotor_out_torque,
-            design.topology.n,
-        )
-
-    analysis = with_com_error(np.zeros(3))
+    analysis = _analysis(design, np.zeros(3))
     if not analysis.in_range:
         return None
-    cases = analysis.cases()
-    if error := task.flight.com_error:
-        off_centre = [with_com_error(error * c).cases() for c in CUBE]
-        cases = tuple(_worst_case(*rows) for rows in zip(cases, *off_centre, strict=True))
     rod, of_task = None if tip is None else tip.rod, task.end_effector
     is_ignored = (of_task.rod, of_task.rod_mass) == ("straight", "ignored")
     angle = None if errors is None else errors.hinge_angle_deg
-    rotors = platform.rotors.reshape(-1, 3)
+    rotors = placed.rotors.reshape(-1, 3)
     span = max(float(np.linalg.norm(rotors - rotor, axis=1).max()) for rotor in rotors)
     return Flight(
-        cases=cases,
+        cases=case_reserves(design, analysis),
         rotors_out_hover=analysis.rotors_out([0]),
         rotors_out_all=analysis.rotors_out(range(len(analysis.names))),
         rotors_out_asked=None
         if task.flight.rotor_out == "none"
         else analysis.rotors_out([number for number, _, _ in weight_cases(task, task.flight.rotor_out)]),
-        joints=_joint_loads(analysis, design, platform, None if mount is None else mount.module),
+        joints=_joint_loads(analysis, design, placed, None if mount is None else mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=analysis.hover_input,
         hover_power_ratio=analysis.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
-        rod_moment_Nm=None if rod is None or not is_ignored else rod_moment(rod, platform, task.gravity),
+        rod_moment_Nm=None if rod is None or not is_ignored else rod_moment(rod, placed, task.gravity),
         span_m=clamp(span + 2 * task.module.body.rotor_radius),
+    )
+
+
+def case_reserves(design: Design, analysis: CapabilityAnalysis | None = None) -> tuple[CaseFlight, ...]:
+    """Return the reserves in hover and in every load case, anywhere within the error of the centre of mass.
+
+    `analysis`: that of the design without the error, if it is known.
+    """
+    cases, error = (analysis or _analysis(design, np.zeros(3))).cases(), design.task.flight.com_error
+    if not error:
+        return cases
+    off_centre = [_analysis(design, error * c).cases() for c in CUBE]
+    return tuple(_worst_case(*rows) for rows in zip(cases, *off_centre, strict=True))
+
+
+def _analysis(design: Design, offset: Array) -> CapabilityAnalysis:
+    """Return the analysis of a design whose centre of mass is off by a vector [m]."""
+    task, placed = design.task, platform(design)
+    max_input = task.module.max_input(task.gravity)
+    A = wrench_map(placed, task.module) * max_input
+    N = A.shape[1]
+    return CapabilityAnalysis(
+        np.vstack([A[:3], _torques_about(offset, A)]),
+        placed.p_e - offset,
+        (task.force_unit(task.n), task.module.arm_length),
+        Bounds(np.full(N, task.module.min_input), np.ones(N)),
+        dict(zip(task.case_labels, task.load_cases, strict=True)),
+        [None, *(design.inputs.reshape(len(task.load_cases), N) / max_input)],
+        inertia(design, placed),
+        task.flight.rotor_out_torque,
+        design.topology.n,
     )
 
 

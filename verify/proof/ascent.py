@@ -91,6 +91,8 @@ class Ascent(NamedTuple):
     """Ridge of y in the first stage: it keeps multipliers short if the best ones are unbounded."""
     initial_sigma_ridge: float = 20.0
     """Ridge of sigma in the first stage."""
+    cone_ridge: float = 1e-6
+    """Factor on both if no load case counts: then only the direction of the multipliers matters, and they grow."""
     min_curvature: float = 1e-3
     """Largest curvature of a rotor's psi that a step neglects, over the ridge of y."""
 
@@ -156,7 +158,8 @@ def enforce_condition(problem: CheckProblem, points: Points, y: Array, sigma: Ar
 def maximize_at_vertices(problem: CheckProblem, points: Points, y: Array, sigma: Array, cut: float) -> None:
     """Improve y and sigma in place, for the greatest D at the worst point."""
     T, s = ASCENT.initial_temperature * cut, ASCENT.initial_kink_width * cut / points.a.shape[1]
-    points.ridge[0], points.ridge[1] = ASCENT.initial_y_ridge, ASCENT.initial_sigma_ridge
+    factor = 1.0 if problem.weight.max() > 0.0 else ASCENT.cone_ridge
+    points.ridge[0], points.ridge[1] = factor * ASCENT.initial_y_ridge, factor * ASCENT.initial_sigma_ridge
     points.min_gain[0] = ASCENT.min_gain
     stage_target = ASCENT.stage_target * cut
     for _ in range(ASCENT.stages):
@@ -171,8 +174,9 @@ def maximize_at_vertices(problem: CheckProblem, points: Points, y: Array, sigma:
             break
         T, s = ASCENT.temperature_decay * T, ASCENT.kink_decay * s
         points.ridge[:] *= ASCENT.kink_decay
-    set_kink_width(problem, points, s)
-    drop_idle_cases(problem, points, y, sigma)
+    if factor == 1.0:
+        set_kink_width(problem, points, s)
+        drop_idle_cases(problem, points, y, sigma)
 
 
 @njit(cache=True, literals=False)

@@ -10,11 +10,19 @@ import numpy as np
 
 from topo_search.compiled_code import is_cached, refresh
 from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, proven
-from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
+from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, most_effort, proof_task
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay
-from verify.proof.platform import angles_around, effort_unit, hinge_angles, reroot, to_arrays, whole_box
+from verify.proof.platform import (
+    angles_around,
+    effort_unit,
+    hinge_angles,
+    reroot,
+    to_arrays,
+    turns_about_vertical,
+    whole_box,
+)
 
 refresh(replay.replay, Path(__file__).parent, Path(proven.__file__))
 
@@ -40,7 +48,7 @@ def check_chunk(
         task: task.
         topology: tree.
         root_module: module at which the proof roots the tree.
-        cut: effort [rad^4/s^4].
+        cut: effort [rad^4/s^4]; from `most_effort` on, that there is no design.
         chunk: chunk with its number and record; nothing else of the proof is used.
         problem: designs that the proof covers.
     """
@@ -52,9 +60,13 @@ def check_chunk(
     except ValueError as error:
         return CheckedChunk(number=chunk.number, fault=str(error))
     lower, upper = chunk_box(task, n, chunk.number)
+    weighted = cut < most_effort(task)
+    if not weighted and turns_about_vertical(task, problem):
+        lower[0], upper[0] = 0.0, 0.0
     if np.any(lower > upper) and not len(record):  # no combination of the set's hinge angles is in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    problem_arrays = to_arrays(task, reroot(topology, root_module), problem, chunk.corners)
+    tree = reroot(topology, root_module)
+    problem_arrays = to_arrays(task, tree, problem, chunk.corners, weighted=weighted)
     # 1e-12: a bound in these units differs from one in SI by a few roundings
     replayed = replay.replay(problem_arrays, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
     fault = None
@@ -99,6 +111,10 @@ def _invalid_input(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, p
         return f"angles cannot be counted from module {root_module}"
     if chunk.outcome != "closed":
         return "it is not closed"
+    disc = task.search.maximize == "force_reserve" and task.flight.directions == "horizontal"
+    for x, y, z in task.search.towards:
+        if math.hypot(x, y, z) > 1 + 1e-12 or (disc and z != 0.0):
+            return "a reserve is asked for beyond its ball or disc"
     if max(chunk.corners, default=-1) >= len(proof_task(task, problem).load_cases) - len(task.load_cases):
         return f"there is no corner {max(chunk.corners)}"
     return None

@@ -16,8 +16,11 @@ half-spaces, so n_r . (e_r - p'_E) + d_r <= 0, and sigma_r >= 0. Load cases that
 have lambda_k = 0. p'_E cancels under the condition sum_k g_k x mu_k = sum_r sigma_r n_r; a residual costs its
 length times the greatest |p'_E|. psi is convex, and a_j . y, b . y and n_r . e_r are affine in the pair of each
 angle (`verify.proof.arcs`), so the right-hand side is least at a combination of triangle vertices. The term of a
-module depends only on the root and on the hinges of its path, so for each of the 27 combinations of the root the
-minimum over the hinges is computed from the leaves of the tree inwards.
+module depends only on the root and on the hinges of its path, so for each of the 27 combinations of the root, or 9
+of a single psi, the minimum over the hinges is computed from the leaves of the tree inwards.
+
+**No design at all.** If no load case counts (all lambda_k = 0), the left-hand side of a design is zero: a positive
+bound shows that there is none in the box. Any multiple of its multipliers does so, too.
 
 **Rounding.** Vertices have a length of at most 1.44, and a frame is a product of at most n + 2 matrices whose
 entries have errors of 4 eps (eps = 2^-53), each product one of 3 eps of the sums of magnitudes. So entries of R
@@ -46,8 +49,6 @@ from verify.proof.rod import rod_loss
 
 BOUND_ROUNDING = 5e-11
 """Allowance for rounding of the bound, over the sum of all magnitudes."""
-ROOT_CHOICES = 27
-"""Number of combinations of triangle vertices of the root's angles."""
 MAX_INVERSE_WEIGHT = 1e300
 """1 / (2 lambda) of a load case without weight: its rotors are at their least or greatest input."""
 
@@ -56,30 +57,30 @@ class DualWorkspace(NamedTuple):
     """Arrays for the bound of one box."""
 
     R: Array
-    """Root orientation for each combination of its vertices, shape (27, 3, 3)."""
+    """Root orientation for each combination of its vertices, shape (roots, 3, 3)."""
     root_y: Array
-    """Multipliers in the root's frame, shape (K, 6, 27)."""
+    """Multipliers in the root's frame, shape (K, 6, roots)."""
     root_s: Array
-    """`lever_force` in the root's frame, shape (3, 27)."""
+    """`lever_force` in the root's frame, shape (3, roots)."""
     wall_sums: Array
-    """sum_r sigma_r n_r and sum_r sigma_r distance_r n_r by module, in the root's frame, shape (n, 2, 3, 27)."""
+    """sum_r sigma_r n_r and sum_r sigma_r distance_r n_r by module, in the root's frame, shape (n, 2, 3, roots)."""
     active: NDArray[np.bool_]
     """Load cases with a weight or multipliers; others add nothing; shape (K,)."""
     least_sum: Array
-    """Least sum over a module and all modules beyond it, shape (frames, 27)."""
+    """Least sum over a module and all modules beyond it, shape (frames, roots)."""
 
 
 @njit(cache=True)
-def bound_workspace(problem: CheckProblem, frame_count: int) -> DualWorkspace:
-    """Return arrays for boxes with `frame_count` frames."""
+def bound_workspace(problem: CheckProblem, frame_count: int, roots: int = 27) -> DualWorkspace:
+    """Return arrays for boxes with `frame_count` frames; the root has 9 combinations if psi is one angle."""
     K = len(problem.f)
     return DualWorkspace(
-        np.zeros((ROOT_CHOICES, 3, 3)),
-        np.zeros((K, 6, ROOT_CHOICES)),
-        np.zeros((3, ROOT_CHOICES)),
-        np.zeros((len(problem.parent), 2, 3, ROOT_CHOICES)),
+        np.zeros((roots, 3, 3)),
+        np.zeros((K, 6, roots)),
+        np.zeros((3, roots)),
+        np.zeros((len(problem.parent), 2, 3, roots)),
         np.zeros(K, np.bool_),
-        np.zeros((frame_count, ROOT_CHOICES)),
+        np.zeros((frame_count, roots)),
     )
 
 
@@ -104,7 +105,7 @@ def bound(
         workspace.active[k] = problem.weight[k] > 0.0
         for l in range(6):
             workspace.active[k] |= y[k, l] != 0.0
-    for choice in range(ROOT_CHOICES):
+    for choice in range(len(workspace.R)):
         R = workspace.R[choice]
         fill_root_orientation(triangles[0, choice // 9], triangles[1, choice // 3 % 3], triangles[2, choice % 3], R)
         for l in range(3):
@@ -124,13 +125,13 @@ def bound(
         h = problem.parent[i]
         for v in range(frames.first[h + 1] - frames.first[h]):
             child_frame, parent_sum = frames.first[i] + 3 * v, workspace.least_sum[frames.first[h] + v]
-            for choice in range(ROOT_CHOICES):
+            for choice in range(len(workspace.R)):
                 minimum = min(
                     workspace.least_sum[child_frame, choice], workspace.least_sum[child_frame + 1, choice]
                 )
                 parent_sum[choice] += min(minimum, workspace.least_sum[child_frame + 2, choice])
     result = math.inf
-    for choice in range(ROOT_CHOICES):
+    for choice in range(len(workspace.R)):
         result = min(result, workspace.least_sum[0, choice])
     return result + constant(problem, y, sigma) - rounding(problem, y, sigma, triangles)
 
@@ -143,11 +144,11 @@ def _fill_module(problem: CheckProblem, frames: ArcFrames, i: int, v: int, works
     value[:] = 0.0
     for l in range(3):
         c = w * frames.p[v, l] + a * R[l, 0] + b * R[l, 1]
-        for choice in range(ROOT_CHOICES):
+        for choice in range(len(workspace.R)):
             value[choice] += c * workspace.root_s[l, choice]
     if len(problem.wall_normal) > 0:
         for l in range(3):
-            for choice in range(ROOT_CHOICES):
+            for choice in range(len(workspace.R)):
                 value[choice] += frames.p[v, l] * workspace.wall_sums[i, 0, l, choice]
                 value[choice] -= R[l, 2] * workspace.wall_sums[i, 1, l, choice]
     for k in range(len(workspace.root_y)):
@@ -164,7 +165,7 @@ def _fill_module(problem: CheckProblem, frames: ArcFrames, i: int, v: int, works
             ty = My + R[1, 0] * ox + R[1, 1] * oy + R[1, 2] * oz
             tz = Mz + R[2, 0] * ox + R[2, 1] * oy + R[2, 2] * oz
             fx, fy, fz = R[0, 2], R[1, 2], R[2, 2]
-            for choice in range(ROOT_CHOICES):
+            for choice in range(len(workspace.R)):
                 t = fx * y[0, choice] + fy * y[1, choice] + fz * y[2, choice]
                 t += tx * y[3, choice] + ty * y[4, choice] + tz * y[5, choice]
                 u = min(max(t * inverse_weight, low), high)

@@ -120,7 +120,12 @@ class CheckProblem(NamedTuple):
 
 
 def to_arrays(
-    task: ResolvedTask, tree: Topology, problem: Problem = "task", corners: tuple[int, ...] = ()
+    task: ResolvedTask,
+    tree: Topology,
+    problem: Problem = "task",
+    corners: tuple[int, ...] = (),
+    *,
+    weighted: bool = True,
 ) -> CheckProblem:
     """Return the arrays of a task and a tree.
 
@@ -129,6 +134,7 @@ def to_arrays(
         tree: tree, rooted at the root module of the proof.
         problem: designs that the proof covers (`topo_search.model.proof`).
         corners: numbers of the corners of `proof_task` to include; fewer corners only make bounds lower.
+        weighted: False to count no effort: a positive bound then shows that there is no design.
     """
     heaviest, task = cases_with_heaviest_rod(task, problem), task.lightest
     bounded = proof_task(task, problem)
@@ -197,7 +203,7 @@ def to_arrays(
         t=t,
         h=h,
         g=g,
-        weight=weight / weight.max(),
+        weight=weight / weight.max() if weighted else np.zeros(len(weight)),
         dead_rotor=np.array([-1 if rotor is None else rotor for rotor in bounded.dead_rotors], np.int64),
         rod=rod,
         u_min=task.min_input / task.max_input,
@@ -286,6 +292,21 @@ def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     if len(angles):
         lower[3:], upper[3:] = angles.min(), angles.max()
     return lower, upper
+
+
+def turns_about_vertical(task: ResolvedTask, problem: Problem) -> bool:
+    """Return whether all that a bound requires of a design is met by it at any psi, if at one.
+
+    Without reserves and tilts all wrenches are along z; with them the audit measures balls, discs in the xy plane
+    and cones about z, whose points the bound requires. Turned about z, a design holds them all the same.
+    """
+    bare = task.with_fields("flight", force_reserve=0.0, torque_reserve=0.0, tilt_deg=0.0)
+    sides = [task.end_effector.fixed_position or (0.0, 0.0, 0.0)]
+    for case in proof_task(bare, problem).load_cases:
+        for wrench in (case.at_end_effector, case.at_com):
+            sides += [wrench.force, wrench.torque]
+    is_free = task.search.root == "free" and problem == "task" and len(_walls(task)[0]) == 0
+    return is_free and all(x == 0.0 == y for x, y, _ in sides)
 
 
 def hinge_angles(task: ResolvedTask) -> Array:

@@ -83,7 +83,7 @@ def replay(problem: CheckProblem, lower: Array, upper: Array, cut: float, record
         record: one byte per box, depth first, the lower half before the upper one.
     """
     A = len(lower)
-    workspace, rho = _box_workspace(problem), np.zeros(A)
+    workspace, rho = _box_workspace(problem, lower[0] < upper[0]), np.zeros(A)
     lo, hi = np.empty((MAX_DEPTH * A + 2, A)), np.empty((MAX_DEPTH * A + 2, A))
     lo[0], hi[0] = lower, upper
     top, halved = 1, 0
@@ -122,20 +122,22 @@ def replay(problem: CheckProblem, lower: Array, upper: Array, cut: float, record
 
 
 @njit(cache=True, inner=True, inline="always")
-def _box_workspace(problem: CheckProblem) -> ReplayWorkspace:
+def _box_workspace(problem: CheckProblem, turns: bool) -> ReplayWorkspace:
+    """Return arrays for boxes with an interval of psi (`turns`), or with a single psi."""
     A, K = len(problem.parent) + 2, len(problem.f)
     frames, middle_frames = arcs.empty_frames(problem, 3), arcs.empty_frames(problem, 1)
     initial_y, initial_sigma = np.zeros((K, 6)), np.zeros(len(problem.wall_normal))
     for k in range(K):  # all rotors parallel to the force: t = 2 lambda u
-        initial_y[k, :3] = 2 * problem.weight[k] * problem.f[k] / (ROTORS * len(problem.parent))
+        weight = problem.weight[k] if problem.weight.max() > 0.0 else 1.0 / K
+        initial_y[k, :3] = 2 * weight * problem.f[k] / (ROTORS * len(problem.parent))
     return ReplayWorkspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
         frames,
         middle_frames,
         empty_points(problem, 1, A),
-        empty_points(problem, 2**A, 0),
-        dual.bound_workspace(problem, len(frames.p)),
+        empty_points(problem, 2**A if turns else 2 ** (A - 1), 0),
+        dual.bound_workspace(problem, len(frames.p), 27 if turns else 9),
         initial_y.copy(),
         initial_sigma.copy(),
         initial_y,
@@ -174,7 +176,32 @@ def _process_box(
         if find_crowded_pair(problem, workspace.triangles, workspace.middle_frames, workspace.module_pair):
             return -1
         return _crowded_hinge(problem, rho, workspace.module_pair[0], workspace.module_pair[1])
-    middle, vertices, y, sigma = workspace.middle, workspace.vertices, workspace.y, workspace.sigma
+    A, vertices, y, sigma = len(rho), workspace.vertices, workspace.y, workspace.sigma
+    counts = problem.weight.max() > 0.0
+    if counts:  # else D at the middle grows without limit with the multipliers
+        _maximize_at_middle(problem, rho, cut, workspace)
+    arcs.fill_frames(problem, workspace.triangles, 3, workspace.frames)
+    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
+        return -1
+    axis = _split_axis(problem, workspace, rho) if counts else int(np.argmax(rho))
+    for v in range(len(vertices.D)):
+        for a in range(len(rho)):
+            workspace.middle_pairs[a, 0] = workspace.triangles[a, v >> (a + A - 1) % A & 1]  # psi has the last bit
+        arcs.fill_frames(problem, workspace.middle_pairs, 1, workspace.middle_frames)
+        fill_point(problem, workspace.middle_pairs, workspace.middle_frames, vertices, v)
+    ascent.start(problem, vertices, rho, cut)
+    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
+    ascent.maximize_at_vertices(problem, vertices, y, sigma, cut)
+    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
+        return -1
+    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
+    return axis
+
+
+@njit(cache=True, inner=True)
+def _maximize_at_middle(problem: CheckProblem, rho: Array, cut: float, workspace: ReplayWorkspace) -> None:
+    """Improve the multipliers of the previous box, or the initial ones, at the middle of a box."""
+    middle, y, sigma = workspace.middle, workspace.y, workspace.sigma
     fill_point(problem, workspace.middle_pairs, workspace.middle_frames, middle, 0)
     fill_slopes(problem, workspace.middle_pairs, workspace.middle_frames, rho, middle)
     ascent.start(problem, middle, rho, cut)
@@ -186,22 +213,6 @@ def _process_box(
     ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
     if ascent.drop_idle_cases(problem, middle, y, sigma):
         ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
-    arcs.fill_frames(problem, workspace.triangles, 3, workspace.frames)
-    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
-        return -1
-    axis = _split_axis(problem, workspace, rho)
-    for v in range(len(vertices.D)):
-        for a in range(len(rho)):
-            workspace.middle_pairs[a, 0] = workspace.triangles[a, v >> a & 1]
-        arcs.fill_frames(problem, workspace.middle_pairs, 1, workspace.middle_frames)
-        fill_point(problem, workspace.middle_pairs, workspace.middle_frames, vertices, v)
-    ascent.start(problem, vertices, rho, cut)
-    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
-    ascent.maximize_at_vertices(problem, vertices, y, sigma, cut)
-    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
-        return -1
-    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
-    return axis
 
 
 @njit(cache=True, inner=True)

@@ -162,13 +162,16 @@ class BranchProblem(NamedTuple):
     """Set of hinge angles in ascending order; empty if the task has none [rad]."""
 
 
-def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
+def to_arrays(
+    task: ResolvedTask, topology: Topology, problem: Problem = "task", *, weighted: bool = True
+) -> BranchProblem:
     """Return the arrays of a task and a tree, which must be rooted at its `centre`.
 
     Args:
         task: task.
         topology: tree.
         problem: designs that the proof covers (`topo_search.model.proof`).
+        weighted: False if no load case adds effort, for proofs that there is no design at all.
     """
     heaviest, task = cases_with_heaviest_rod(task, problem), task.lightest
     n, unit, module = topology.n, Units.of(task), task.module
@@ -180,6 +183,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     levers = _levers(tree, l_c, float(rotors.distances.max()) + drag, bodies)
     cornered = proof_task(task, problem)
     loads, walls, U = _loads(cornered, mass, unit), _walls(task, unit), task.max_thrust_to_weight
+    loads = loads if weighted else loads._replace(weight=0.0 * loads.weight)
     air, interference = module.envelope, task.search.interference
     cases = [heaviest[label] for label in cornered.case_labels]
     rod = rod_change(cornered, cases, mass, l_c * (2 * int(tree.depth.max()) + 1), levers.centroid)
@@ -260,6 +264,20 @@ def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     if len(angles):
         lower[3:], upper[3:] = angles[0], angles[-1]
     return lower, upper
+
+
+def is_symmetric(task: ResolvedTask, problem: Problem) -> bool:
+    """Return whether a design that meets what the bound takes into account does so turned about the vertical.
+
+    Forces and torques of the load cases must be vertical, and so must a fixed end-effector. Balls, horizontal discs
+    and caps of reserves around them are symmetric as a whole: every clear design produces all of their points. The
+    corners around them (`solver`), errors of the centre of mass along the axes of W, and walls are not.
+    """
+    wrenches = [w for case in task.load_cases for c in (case, *case.corners) for w in (c.at_end_effector, c.at_com)]
+    vectors = [task.end_effector.fixed_position or NOWHERE, *(v for w in wrenches for v in (w.force, w.torque))]
+    vertical = not any(x or y for x, y, _ in vectors)
+    is_free = task.search.root == "free" and not len(_walls(task, Units.of(task)).normal)
+    return problem == "task" and task.flight.com_error == 0 and vertical and is_free
 
 
 def centre(task: ResolvedTask, topology: Topology) -> int:

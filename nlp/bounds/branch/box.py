@@ -9,11 +9,12 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
     \psi_k(t) = \max_{u_{min} \le u \le u_{max}} t u - \lambda_k u^2
 
 with multipliers sigma_r >= 0 of the walls, n_r . (e_r - p'_E) + d_r <= 0 for an end e_r of an envelope. The balance
-of load case k has p'_E x g_k in its torque; p'_E cancels in the sum under the condition
-sum_k g_k x mu_k = sum_r sigma_r n_r, so p'_E needs no box. b_k . y_k is const + sum_i B_i . s with
-s = sum_k h_k x mu_k and B_i the moment of module i and its joints (p_i if joints have no mass); u_min >= 0, so psi
-is nondecreasing. A corner of a reserve is a load case with lambda_k = 0, whose psi is
-u_min t + (u_max - u_min) max(t, 0); with y_k = 0 it adds nothing. A dead rotor contributes no psi.
+of load case k has p'_E x g_k in its torque; p'_E cancels in the sum under the condition sum_k g_k x mu_k = sum_r
+sigma_r n_r, so p'_E needs no box. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment
+of module i and its joints (p_i if joints have no mass); u_min >= 0, so psi is nondecreasing. If all lambda_k are
+zero, J is zero and D has a multiple for every multiple of y and sigma: D > 0 shows that there is no design at all,
+whatever the cut in effort. A corner of a reserve is a load case with lambda_k = 0, whose psi is u_min t + (u_max -
+u_min) max(t, 0); with y_k = 0 it adds nothing. A dead rotor contributes no psi.
 
 **Interpolation.** In a single angle a, with all others fixed, t = a_j . y_k is A + alpha cos x + beta sin x, where
 x is measured from the middle, |x| <= rho. It exceeds the line P_a t through its values at -rho and rho by
@@ -34,8 +35,8 @@ and as psi is convex and nondecreasing, psi(t) is at most the interpolant of psi
 with w_i = sum_r sigma_r n_r . e_r over the two ends of module i, a harmonic like B_i . s.
 
 **Minimum.** The term of module i depends only on the root's angles and the hinges on its path. So for each of the 8
-vertices of the root the minimum over hinges is computed from the leaves of the tree inwards, not over all 2^A
-vertices.
+vertices of the root (4 if psi is one angle) the minimum over hinges is computed from the leaves of the tree
+inwards, not over all 2^A vertices.
 
 **Remainders.** For rotor j of module i, about the axis (omega, c) of angle a with nu' = nu + mu x c and its torque
 tau about c: 4 A = (nu' . omega) (omega . z) + (mu . omega) (omega . tau), and alpha cos rho is the mean of t - A at
@@ -82,19 +83,19 @@ class BoundWorkspace(NamedTuple):
     active_cases: Indices
     """Load cases that add to D, shape (K,)."""
     root_y: Array
-    """Multipliers of these in the root's frame at its vertices, shape (8, K, 6)."""
+    """Multipliers of these in the root's frame at its vertices, shape (roots, K, 6)."""
     wrenches: Array
     """(z, p x z + torque) of every rotor in all frames, shape (frames, r, 6)."""
     screws: Array
     """(omega, c x omega) of the hinge before a module, at the first of its two frames, shape (frames, 6)."""
     t: Array
-    """a_j . y_k at all vertices, shape (8, frames, K, r)."""
+    """a_j . y_k at all vertices, shape (roots, frames, K, r)."""
     t_bound: Array
-    """t plus its remainder E, shape (8, frames, K, r)."""
+    """t plus its remainder E, shape (roots, frames, K, r)."""
     force_limit: Array
     """Greatest |nu'| of a load case about every axis, shape (K, A)."""
     module_value: Array
-    """Contribution of bodies and walls to D, shape (8, frames)."""
+    """Contribution of bodies and walls to D, shape (roots, frames)."""
     wall_sums: Array
     """sum_r sigma_r n_r for both ends of every module, in the root's frame, shape (n, 2, 3)."""
     least_sum: Array
@@ -122,18 +123,18 @@ class BoundWorkspace(NamedTuple):
 
 
 @njit(cache=True)
-def bound_workspace(problem: BranchProblem) -> BoundWorkspace:
-    """Return the workspace for a task and tree."""
+def bound_workspace(problem: BranchProblem, roots: int = 8) -> BoundWorkspace:
+    """Return the workspace for a task and tree, with 8 vertices of the root, or 4 if psi is one angle."""
     K, A, count = len(problem.loads.f), len(problem.levers.between), problem.tree.first[-1]
     return BoundWorkspace(
         np.zeros(K, np.int64),
-        np.zeros((8, K, 6)),
+        np.zeros((roots, K, 6)),
         np.zeros((count, ROTORS, 6)),
         np.zeros((count, 6)),
-        np.zeros((8, count, K, ROTORS)),
-        np.zeros((8, count, K, ROTORS)),
+        np.zeros((roots, count, K, ROTORS)),
+        np.zeros((roots, count, K, ROTORS)),
         np.zeros((K, A)),
-        np.zeros((8, count)),
+        np.zeros((roots, count)),
         np.zeros((len(problem.tree.parent), 2, 3)),
         np.zeros(count),
         np.zeros(A),
@@ -211,10 +212,10 @@ def _add_bodies(problem: BranchProblem, y: Array, sigma: Array, box: BoxFrames, 
                 e = add(row(middle.p, i), -distance, row(middle.z, i))
                 lever = problem.levers.centre[i]
                 loss += _moment_loss(problem, i, 1.0, e, lever, distance, (x, y_, z), box, workspace)
-        for root in range(8):
+        for root in range(len(workspace.root_y)):
             for v in range(tree.first[i], tree.first[i + 1]):
                 workspace.module_value[root, v] = -loss
-    for root in range(8):
+    for root in range(len(workspace.root_y)):
         s = _to_root(roots[1 + root], sx, sy, sz)
         if ends > 0:
             _fill_wall_sums(problem, roots[1 + root], sigma, workspace.wall_sums)
@@ -233,7 +234,7 @@ def _fill_products(problem: BranchProblem, y: Array, box: BoxFrames, count: int,
     """Fill multipliers, wrenches and their products at all vertices."""
     torques, root_y, wrenches, t_values = problem.rotor_torques, workspace.root_y, workspace.wrenches, workspace.t
     frames_x, frames_y, frames_z, frames_p = box.vertices
-    for root in range(8):
+    for root in range(len(workspace.root_y)):
         R = box.roots[1 + root]
         for slot in range(count):
             k = workspace.active_cases[slot]
@@ -248,7 +249,7 @@ def _fill_products(problem: BranchProblem, y: Array, box: BoxFrames, count: int,
             for l in range(3):
                 wrenches[v, q, l] = frames_z[v, l]
                 wrenches[v, q, 3 + l] = about[l] + a * frames_x[v, l] + b * frames_y[v, l] + c * frames_z[v, l]
-        for root in range(8):
+        for root in range(len(workspace.root_y)):
             for slot in range(count):
                 n0, n1, n2, m0, m1, m2 = root_y[root, slot]
                 force = dot((n0, n1, n2), z)
@@ -292,7 +293,7 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
     for a in range(len(rho)):
         versine[a], cubic[a] = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
     cosine, sine = math.cos(rho[2]), math.sin(rho[2])
-    for root in range(8):
+    for root in range(len(workspace.root_y)):
         for l in range(3):
             omega[0, root, l] = roots[1 + root, 2, l]
         signed_sine = sine if root & 1 else -sine
@@ -311,13 +312,13 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
                 excess[slot, level] = SHARE * versine[a] * limit * outer_sum
                 outer_sum += math.sqrt(versine[a] * versine[a] + cubic[a] * cubic[a])
                 cubic_loss += SHARE * limit * cubic[a]
-            for root in range(8):
+            for root in range(len(workspace.root_y)):
                 for v in range(first[i], first[i + 1]):
                     for q in range(ROTORS):
                         t_bound[root, v, slot, q] = t_values[root, v, slot, q] + cubic_loss
-        for level in range(3):
+        for level in range(0 if len(root_y) == 8 else 1, 3):
             bit, scale = 4 >> level, versine[level] / math.cos(rho[level])
-            for root in range(8):
+            for root in range(len(workspace.root_y)):
                 if root & bit:
                     continue
                 upper_vertex, (wx, wy, wz) = root + bit, omega[level, root]
@@ -348,7 +349,7 @@ def _add_remainders(problem: BranchProblem, box: BoxFrames, count: int, workspac
                 for q in range(ROTORS):
                     torque[q] = wx * wrenches[v, q, 3] + wy * wrenches[v, q, 4] + wz * wrenches[v, q, 5] + shift
                 axis_force = wx * wrenches[v, 0, 0] + wy * wrenches[v, 0, 1] + wz * wrenches[v, 0, 2]
-                for root in range(8):
+                for root in range(len(workspace.root_y)):
                     for slot in range(count):
                         n0, n1, n2, m0, m1, m2 = root_y[root, slot]
                         mu_omega = m0 * wx + m1 * wy + m2 * wz
@@ -371,7 +372,7 @@ def _least_vertex_value(
     first, parent = tree.first, tree.parent
     active, module_value, least_sum = workspace.active_cases, workspace.module_value, workspace.least_sum
     result = math.inf
-    for root in range(8):
+    for root in range(len(workspace.root_y)):
         for i in range(len(parent)):
             for v in range(first[i], first[i + 1]):
                 total = module_value[root, v]

@@ -37,7 +37,7 @@ class BoxFrames(NamedTuple):
     """Angles and frames of a box of angles."""
 
     roots: Array
-    """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
+    """Root orientations at the middle and at the 8 vertices, or 4 if psi is one angle, shape (1 + roots, 3, 3)."""
     centre: Array
     """Angles at the middle, shape (A,) [rad]."""
     rho: Array
@@ -75,11 +75,13 @@ def empty_frames(count: int) -> Frames:
 
 
 @njit(cache=True)
-def empty_box(tree: TreePaths) -> BoxFrames:
-    """Return the arrays of a box."""
+def empty_box(tree: TreePaths, roots: int = 8) -> BoxFrames:
+    """Return the arrays of a box with 8 vertices of the root, or 4 if psi is one angle."""
     n, A = len(tree.parent), len(tree.parent) + 2
     middle, axes = empty_frames(n), Axes(np.zeros((A, 3)), np.zeros((A, 3)))
-    return BoxFrames(np.zeros((9, 3, 3)), np.zeros(A), np.zeros(A), middle, axes, empty_frames(tree.first[-1]))
+    return BoxFrames(
+        np.zeros((1 + roots, 3, 3)), np.zeros(A), np.zeros(A), middle, axes, empty_frames(tree.first[-1])
+    )
 
 
 @njit(cache=True, allocates=False)
@@ -93,9 +95,9 @@ def fill_box(tree: TreePaths, l_c: float, lower: Array, upper: Array, box: BoxFr
 
 @njit(cache=True, allocates=False)
 def fill_roots(lower: Array, upper: Array, box: BoxFrames) -> None:
-    """Fill the root orientations at the middle and at the 8 vertices."""
+    """Fill the root orientations at the middle and at the vertices."""
     fill_root_orientation(box.centre[0], box.centre[1], box.centre[2], box.roots[0])
-    for v in range(8):
+    for v in range(len(box.roots) - 1):
         psi = upper[0] if v & 4 else lower[0]
         alpha_0 = upper[1] if v & 2 else lower[1]
         alpha_1 = upper[2] if v & 1 else lower[2]

@@ -10,10 +10,18 @@ from typing import Literal
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import centre, effort_unit, hinge_angles, reroot, to_arrays, whole_box
+from nlp.bounds.branch.arrays import (
+    centre,
+    effort_unit,
+    hinge_angles,
+    is_symmetric,
+    reroot,
+    to_arrays,
+    whole_box,
+)
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, most_effort
 from topo_search.model.topology import straight_chain
 
 MAX_BOXES = 4_000_000
@@ -37,7 +45,7 @@ def prove_chunk(
         task: task.
         topology: tree.
         number: number of the chunk.
-        cut: effort [rad^4/s^4].
+        cut: effort [rad^4/s^4]; from `most_effort` on, the chunk is searched for any design.
         problem: designs that the proof covers (`topo_search.model.proof`).
         most_boxes: limit on the number of boxes; beyond it the chunk stays open.
 
@@ -51,10 +59,13 @@ def prove_chunk(
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
     tree = reroot(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
+    weighted = cut < most_effort(task)
+    if not weighted and is_symmetric(task, problem):
+        lower[0] = upper[0] = 0.0
     if np.any(lower > upper):  # no combination of the set's hinge angles is in the chunk
         return Chunk.of(number, "closed", b"")
     cut_in_units = cut / effort_unit(task) * (1 + CUT_MARGIN)
-    result = search(to_arrays(task, tree, problem), lower, upper, cut_in_units, most_boxes)
+    result = search(to_arrays(task, tree, problem, weighted=weighted), lower, upper, cut_in_units, most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
     if result.outcome == CLOSED:
         outcome = "closed"

@@ -120,7 +120,8 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
         cut: effort that every design in the box must be shown to exceed [effort units].
         most_boxes: limit on the number of boxes.
     """
-    stack, workspace = _initial_stack(problem, lower, upper), _box_workspace(problem)
+    stack = _initial_stack(problem, lower, upper)
+    workspace = _box_workspace(problem, 8 if lower[0] < upper[0] else 4)
     lo, hi, active_cases, whole_rho = stack.lower, stack.upper, stack.active_cases, (upper[0] - lower[0]) / 2
     stack.y[0] = workspace.initial_y
     record, boxes, top = np.empty(1024, np.uint8), 0, 1
@@ -161,13 +162,13 @@ def _initial_stack(problem: BranchProblem, lower: Array, upper: Array) -> BoxSta
 
 
 @njit(cache=True, inner=True)
-def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
+def _box_workspace(problem: BranchProblem, roots: int) -> BoxWorkspace:
     n, K, initial_y = len(problem.tree.parent), len(problem.loads.f), np.zeros((len(problem.loads.f), 6))
     for k in range(K):
         for l in range(3):
             initial_y[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
     return BoxWorkspace(
-        frames.empty_box(problem.tree),
+        frames.empty_box(problem.tree, roots),
         np.zeros(n + 2),
         problem.loads.weight.min() == 0.0,
         initial_y,
@@ -175,8 +176,8 @@ def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
         np.zeros(len(problem.walls.normal)),
         multipliers.newton_workspace(problem),
         slopes.empty_slopes(n, n + 2),
-        vertex_workspace(problem),
-        box.bound_workspace(problem),
+        vertex_workspace(problem, roots),
+        box.bound_workspace(problem, roots),
     )
 
 

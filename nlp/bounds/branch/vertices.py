@@ -27,27 +27,27 @@ class VertexWorkspace(NamedTuple):
     frame_of_module: Indices
     """Frame of every module at every vertex of the hinges, shape (C, n)."""
     a: Array
-    """Wrenches of a module's rotors in W, shape (8, frames, r, 6)."""
+    """Wrenches of a module's rotors in W, shape (roots, frames, r, 6)."""
     moment: Array
-    """B_i, moment of the module's body in W, shape (8, frames, 3)."""
+    """B_i, moment of the module's body in W, shape (roots, frames, 3)."""
     wall: Array
-    """n_r . e_r of the module's rows, 0 for other modules' rows, shape (8, frames, W)."""
+    """n_r . e_r of the module's rows, 0 for other modules' rows, shape (roots, frames, W)."""
     t: Array
-    """a_j . y_k, shape (8, frames, K, r)."""
+    """a_j . y_k, shape (roots, frames, K, r)."""
     module_value: Array
-    """Contribution of a module to D, shape (8, frames)."""
+    """Contribution of a module to D, shape (roots, frames)."""
     smoothing_excess: Array
-    """Excess of `module_value` from the smoothed kinks, shape (8, frames)."""
+    """Excess of `module_value` from the smoothed kinks, shape (roots, frames)."""
     D: Array
-    """D of all vertices, shape (8 C,)."""
+    """D of all vertices, shape (roots C,)."""
     share: Array
-    """e^(-D_v / T), up to a common factor; 0 once the vertex is in `order`; shape (8 C,)."""
+    """e^(-D_v / T), up to a common factor; 0 once the vertex is in `order`; shape (roots C,)."""
     order: Indices
     """Vertices that enter a step, shape (MAX_VERTICES,)."""
     frame_share: Array
-    """Sum of w_v over the vertices with this frame, shape (8, frames)."""
+    """Sum of w_v over the vertices with this frame, shape (roots, frames)."""
     module_gradient: Array
-    """Contribution of a module to a gradient, shape (8, frames, K, 6)."""
+    """Contribution of a module to a gradient, shape (roots, frames, K, 6)."""
     H: Array
     rows: Array
     """Three rows of the condition, then those of the vertices, shape (3 + MAX_VERTICES, K, 6)."""
@@ -78,8 +78,8 @@ class VertexWorkspace(NamedTuple):
 
 
 @njit(cache=True, inner=True)
-def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
-    """Return the workspace for a task and tree."""
+def vertex_workspace(problem: BranchProblem, roots: int) -> VertexWorkspace:
+    """Return the workspace for a task and tree, with 8 vertices of the root, or 4 if psi is one angle."""
     tree, K, W = problem.tree, len(problem.loads.f), len(problem.walls.normal)
     n, count = len(tree.parent), tree.first[-1]
     module_of_frame, frame_of_module = np.zeros(count, np.int64), np.zeros((2 ** (n - 1), n), np.int64)
@@ -92,17 +92,17 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
     return VertexWorkspace(
         module_of_frame,
         frame_of_module,
-        np.zeros((8, count, ROTORS, 6)),
-        np.zeros((8, count, 3)),
-        np.zeros((8, count, W)),
-        np.zeros((8, count, K, ROTORS)),
-        np.zeros((8, count)),
-        np.zeros((8, count)),
-        np.zeros(8 * len(frame_of_module)),
-        np.zeros(8 * len(frame_of_module)),
+        np.zeros((roots, count, ROTORS, 6)),
+        np.zeros((roots, count, 3)),
+        np.zeros((roots, count, W)),
+        np.zeros((roots, count, K, ROTORS)),
+        np.zeros((roots, count)),
+        np.zeros((roots, count)),
+        np.zeros(roots * len(frame_of_module)),
+        np.zeros(roots * len(frame_of_module)),
         np.zeros(MAX_VERTICES, np.int64),
-        np.zeros((8, count)),
-        np.zeros((8, count, K, 6)),
+        np.zeros((roots, count)),
+        np.zeros((roots, count, K, 6)),
         np.zeros((K, 6, 6)),
         np.zeros((rows, K, 6)),
         np.zeros((rows, W)),
@@ -126,7 +126,7 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
 def fill_frames(problem: BranchProblem, box: BoxFrames, workspace: VertexWorkspace) -> None:
     """Fill the wrenches, moments and wall distances of all frames."""
     walls, vertices = problem.walls, box.vertices
-    for root in range(8):
+    for root in range(len(workspace.a)):
         R = box.roots[1 + root]
         for v in range(len(workspace.module_of_frame)):
             i, a = workspace.module_of_frame[v], workspace.a[root, v]
@@ -162,7 +162,7 @@ def smoothed_value(
     for r in range(len(sigma)):
         constant += sigma[r] * walls.offset[r]
         barrier += m * math.log(sigma[r])
-    for root in range(8):
+    for root in range(len(workspace.a)):
         for v in range(len(workspace.module_of_frame)):
             a, B = workspace.a[root, v], workspace.moment[root, v]
             a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
@@ -190,7 +190,7 @@ def smoothed_value(
                         module_value -= u * (t - smoothed_weight * u)
             workspace.module_value[root, v], workspace.smoothing_excess[root, v] = module_value, excess
     C, minimum, exact_minimum, share_sum, mean = len(workspace.frame_of_module), math.inf, math.inf, 0.0, 0.0
-    for vertex in range(8 * C):
+    for vertex in range(len(workspace.D)):
         D, excess = constant, 0.0
         for i in range(n):
             D += workspace.module_value[vertex // C, workspace.frame_of_module[vertex % C, i]]
@@ -198,7 +198,7 @@ def smoothed_value(
         workspace.D[vertex] = D
         minimum = min(minimum, D)
         exact_minimum = min(exact_minimum, D - excess)
-    for vertex in range(8 * C):
+    for vertex in range(len(workspace.D)):
         share = math.exp((minimum - workspace.D[vertex]) / T)
         workspace.share[vertex] = share
         share_sum += share

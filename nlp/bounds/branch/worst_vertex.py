@@ -15,11 +15,11 @@ above sum_v w_v D_v + W m: if that is under the cut, the search ends. Corners wh
 size of s are idle: they cost nothing and are dropped from later stages. No proof depends on this search: any
 multipliers will do.
 
-D_v is a sum over the modules; each has one of its frames, at one of the 8 vertices of the root.
+D_v is a sum over the modules; each has one of its frames, at one of the vertices of the root.
 
 | symbol | meaning | shape |
 |---|---|---|
-| w_v | share of vertex v in the gradient: e^(-D_v / T) over their sum | (8 C,) |
+| w_v | share of vertex v in the gradient: e^(-D_v / T) over their sum | (roots C,) |
 | G_v | gradient of D_v; a row is sqrt(w_v / T) (G_v - sum_v w_v G_v) | (K, 6), (W,) |
 """
 
@@ -254,7 +254,7 @@ def _fill_newton_step(
         for i in range(n):
             workspace.frame_share[root, frames[c, i]] += workspace.q[vertex]
     workspace.H[:] = 0.0
-    for root in range(8):
+    for root in range(len(workspace.a)):
         for v in range(len(workspace.module_of_frame)):
             if workspace.frame_share[root, v] > 0.0:
                 _add_frame(problem, root, v, workspace, s)
@@ -389,7 +389,7 @@ def evenness(workspace: VertexWorkspace, axis: int) -> float:
     While multipliers do not distinguish the ends, D allows thrusts that mix both; halving forbids that.
     """
     C, upper, share_sum = len(workspace.frame_of_module), 0.0, 0.0
-    for vertex in range(8 * C):
+    for vertex in range(len(workspace.D)):
         bit = vertex // C >> (2 - axis) if axis < 3 else vertex % C >> (axis - 3)
         share_sum += workspace.share[vertex]
         if bit & 1:

@@ -150,8 +150,8 @@ class Merit(NamedTuple):
 
 
 def value(score: Tried) -> float:
-    """Return the objective of a trial; infinite without a design."""
-    return math.inf if score.objective is None else score.objective
+    """Return what a sampler minimises; infinite without a design."""
+    return math.inf if score.merit is None else score.merit
 
 
 def violation(score: Tried) -> float:

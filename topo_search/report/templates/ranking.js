@@ -1,6 +1,6 @@
 // The ranking table, sorted and filtered here; only the visible rows are in the document.
 const FIRST = 15;
-const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // columns that fit on a narrow screen
+const ON_A_PHONE = ["tree", "gap [%]", "audit"]; // columns that fit on a narrow screen, beside the one that ranks
 const LAST_ON_A_DESK = "air at the tip [m/s]"; // later columns are shown on demand
 
 const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // as in all other tables
@@ -11,19 +11,20 @@ function formatted(name, value) {
 }
 
 function ranking(table, comparison, choice) {
-  const { columns, rows } = read("ranking-data");
+  const { columns, rows, merit } = read("ranking-data");
   const column = Object.fromEntries(columns.map(([name], i) => [name, i]));
   const words = document.getElementById("words");
   const choices = { status: document.getElementById("status"), audit: document.getElementById("audit") };
   const more = document.getElementById("more");
   const texts = rows.map((row) => row.join(" ").toLowerCase());
   const order = rows.map((_, i) => i);
-  order.sort((a, b) => (rows[a][column["J [rad⁴/s⁴]"]] === null) - (rows[b][column["J [rad⁴/s⁴]"]] === null)); // designs first
+  order.sort((a, b) => (rows[a][column[merit]] === null) - (rows[b][column[merit]] === null)); // designs first
   const visibility = (name) => {
     if (column[name] > column[LAST_ON_A_DESK]) return " rest detail";
-    return ON_A_PHONE.includes(name) ? "" : " rest";
+    return [ranked, ...ON_A_PHONE].includes(name) ? "" : " rest";
   };
   const hasValues = columns.map((_, i) => rows.some((row) => row[i] !== null));
+  const ranked = hasValues[column["J / bound"]] ? "J / bound" : merit;
   let showAll = false;
 
   for (const [name, select] of Object.entries(choices)) {

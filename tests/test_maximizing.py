@@ -1,0 +1,162 @@
+"""The search for the most capable platform: its solver, its order, its answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from nlp.assembled.problem import AssembledProblem
+from nlp.climbing import RaisedProblem
+from nlp.lazy_solve import without_corners
+from nlp.starts.random_starts import draw, generator
+from topo_search import read_task, search
+from topo_search.engine import WAIT, Candidates, Proposal
+from topo_search.engine.randomized import FEWEST_OPEN, RandomizedSearch
+from topo_search.engine.strategy import Tried
+from topo_search.model import BadInput, Topology
+from topo_search.model.corners import to_corners
+from topo_search.model.maximized import measure, task_at, unit_of
+from verify import audit, case_reserves
+
+HOVER = (
+    'load_cases=[{name="hover",carries_weight=true}]',
+    "module.joint_mass=0",
+    'end_effector={rod="none",largest_reach=false}',
+    "exposure=[]",
+    "flight.defaults=false",
+)
+
+
+def hover(n, *settings):
+    """A task of n modules that only hover, with a quantity to maximise."""
+    return read_task("push", (*HOVER, f"modules={n}", 'search.maximize="force_reserve"', *settings))
+
+
+@pytest.fixture(scope="module")
+def answer(tmp_path_factory):
+    """The strongest platform of three modules."""
+    return search(hover(3), out=tmp_path_factory.mktemp("strong") / "run", starts=2, workers=1)
+
+
+def test_what_is_reported_is_what_the_audit_measures(answer):
+    design, weight = answer.design, answer.design.task.force_unit(3)
+    assert design.value >= 0.3129 * weight
+    assert design.task.flight.force_reserve == design.value == answer.best.value
+    again = audit(design)
+    assert again.verdict.value == "clear"
+    assert again.flight.hover.horizontal_reserve_com_N == pytest.approx(design.value, rel=1e-9)
+    assert measure(design.task, case_reserves(design))[0] == pytest.approx(design.value, rel=1e-9)
+
+
+def test_the_answer_speaks_of_the_value(answer):
+    best, size = answer.best, answer.sizes[0]
+    assert [row.value for row in size.top] == sorted((row.value for row in size.top), reverse=True)
+    assert best.value_bound > best.value
+    assert best.gap == pytest.approx(best.value_bound / best.value - 1)
+    assert best.lower_bound is None
+    assert size.objective.words(best).startswith("force reserve 2.4")
+    assert "force reserve" in str(answer)
+    assert answer.candidates.loc[0, "value"] == best.value
+
+
+def test_random_platforms_hold_less(answer):
+    """Random hinges and roots, each judged by linear programs of the audit."""
+    rng, design = np.random.default_rng(0), answer.design
+    for _ in range(40):
+        angles = tuple(rng.uniform(-1.2, 1.2, 2).tolist())
+        root = tuple(rng.uniform(-np.pi, np.pi, 3).tolist())
+        other = design.model_copy(update={"hinge_angles_rad": angles, "root_orientation_rad": root})
+        reserves = case_reserves(other)
+        if reserves[0].possible:
+            assert measure(other.task, reserves)[0] <= design.value
+
+
+def test_derivatives_of_the_raised_program():
+    task = hover(2, 'flight.at="both"').resolve(2)
+    once, twice = (to_corners(task_at(task, k * unit_of(task))) for k in (1, 2))
+    few = range(0, len(once.corners), 40)
+    once, twice = once.with_corners(few), twice.with_corners(few)
+    tree = Topology.from_key("a10")
+    start = draw(without_corners(once), tree, rng=generator(without_corners(once), tree, 0, 0))
+    u = np.full((len(once.load_cases), *start.u.shape[1:]), start.u.mean())
+    program = AssembledProblem(once, tree, [], 30.0)
+    raised = RaisedProblem(program, once, twice)
+    x = np.append(replace(start, task=once, u=u).pack(), 0.3)
+    rng, mu, h = np.random.default_rng(1), np.random.default_rng(2).normal(size=raised.rows), 1e-6
+
+    def jacobian(v):
+        full = np.zeros((raised.rows, raised.size))
+        rows, columns = raised.jacobian_pattern.get_triplet()
+        full[rows, columns] = raised.jacobian(v)
+        return full
+
+    def hessian(v):
+        full = np.zeros((raised.size, raised.size))
+        rows, columns = raised.hessian_pattern.get_triplet()
+        full[rows, columns] = raised.hessian(v, 1.0, mu)
+        return full + np.triu(full, 1).T
+
+    for _ in range(3):
+        d = rng.normal(size=raised.size)
+        moved = [x + h * d, x - h * d]
+        values, slopes = [raised.constraints(v) for v in moved], [mu @ jacobian(v) for v in moved]
+        np.testing.assert_allclose(jacobian(x) @ d, (values[0] - values[1]) / (2 * h), atol=1e-7)
+        np.testing.assert_allclose(hessian(x) @ d, (slopes[0] - slopes[1]) / (2 * h), atol=1e-6)
+    directly = AssembledProblem(twice, tree, [], 30.0).constraints(x[:-1])
+    np.testing.assert_allclose(raised.constraints(np.append(x[:-1], 2.0)), directly, atol=1e-12)
+
+
+def proposals(values, *, late):
+    """Keys and values to exceed of all proposals, whose results come at once or as late as they may."""
+    strategy = RandomizedSearch(Candidates(hover(4).resolve(4), "task"), starts=1, seed=0)
+    asked, told = list[Proposal](), 0
+    while (proposal := strategy.ask()) is not None:
+        if isinstance(proposal, Proposal):
+            asked.append(proposal)
+        while told < len(asked) and (proposal == WAIT or not late):
+            key = asked[told].candidate.key
+            strategy.tell(Tried(key, 1, "feasible", 1.0, None, values(key)))
+            told += 1
+            if late:
+                break
+    return [(proposal.candidate.key, proposal.reach) for proposal in asked]
+
+
+def test_the_order_of_results_does_not_matter_to_what_is_asked():
+    def values(key):
+        return float(sum(map(ord, key)) % 17)
+
+    at_once, late = (proposals(values, late=late) for late in (False, True))
+    assert at_once == late
+    assert len({key for key, _ in late}) == len(late) > FEWEST_OPEN
+    for number, (_, reach) in enumerate(late):
+        known = late[: max(0, number - max(FEWEST_OPEN, number // 8) + 1)]
+        assert reach == max((values(key) for key, _ in known), default=0.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (("flight.force_reserve=0.2",), "flight.force_reserve: must be left out if it is maximised, but got 0.2"),
+        (('search.maximize="load"',), "search.maximize: needs a load case with a wrench at the end-effector"),
+        (("load_cases=[{end_effector={force=[1.0,0.0,0.0]}}]", 'search.maximize="payload"'), "carries the weight"),
+        (("goals.force_reserve=[0.1,0.2]",), "goals.force_reserve: must be left out if it is maximised"),
+        (('flight.allocator="pseudo-inverse"',), "flight.allocator: must be `optimal` if a reserve is maximised"),
+        (('search.maximize="thrust"',), "force_reserve"),
+    ],
+)
+def test_what_cannot_be_maximised_is_refused(settings, words):
+    with pytest.raises(BadInput) as refusal:
+        hover(2, *settings)
+    assert words in str(refusal.value)
+
+
+def test_only_the_default_of_the_maximised_field_is_dropped():
+    task = read_task("push", (*HOVER[:-1], "modules=3", 'search.maximize="force_reserve"'))
+    assert task.flight.force_reserve == 0
+    assert (task.flight.at, task.flight.directions, task.flight.tilt_deg) == ("com", "horizontal", 10.0)
+    assert "flight.force_reserve" not in task.flight.filled
+    bare = hover(3)
+    assert (bare.flight.at, bare.flight.directions, bare.flight.tilt_deg) == ("com", "horizontal", 0.0)
+    stated = hover(3, 'flight.directions="all"', 'flight.at="tip"')
+    assert (stated.flight.at, stated.flight.directions) == ("tip", "all")

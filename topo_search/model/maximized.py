@@ -1,0 +1,186 @@
+"""Quantities that a search can maximise: the task T(s) asks for the value s of one of them.
+
+| quantity | T(s) | unit |
+|---|---|---|
+| `force_reserve`, `torque_reserve` | a ball, or disc, of radius s around the wrenches of `flight.around` | N, N m |
+| `load` | the wrenches at the end-effector s times as large, and none | |
+| `payload` | a mass s whose weight acts at the end-effector wherever a case carries the weight, and none | kg |
+
+The weight that a load case carries is not scaled. For a fixed platform each case's set of inputs is convex and the
+required wrenches are linear in s, so a platform that meets T(s) meets T of every smaller value. For loads and
+payloads that holds because T(s) requires the value 0 as well, in cases without effort: a counterweighted platform
+may carry 0.3 kg, but not 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import product
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from topo_search.model.load_case import LoadCase, Wrench
+from topo_search.model.reserves import POINT_SUFFIXES, centres, weight_cases
+from topo_search.model.value import Broken, Vector, is_zero, show
+
+if TYPE_CHECKING:
+    from topo_search.model.flight import CaseFlight
+    from topo_search.model.task import ResolvedTask, Task
+
+RESERVES = ("force_reserve", "torque_reserve")
+
+
+def ring(number: int, elevation: float = 0.0) -> tuple[Vector, ...]:
+    """Return unit vectors at an elevation above the horizontal [rad], evenly spread around the vertical."""
+    angles = (2 * math.pi / number * k for k in range(number))
+    c, s = math.cos(elevation), math.sin(elevation)
+    return tuple((c * math.cos(angle), c * math.sin(angle), s) for angle in angles)
+
+
+BALL = ((0.0, 0.0, 1.0), *(v for k in (60, 30, 0, -30, -60) for v in ring(12, math.radians(k))), (0.0, 0.0, -1.0))
+"""Directions of a ball: both poles, and rings between them, because hover is symmetric about the vertical."""
+
+
+class Quantity(NamedTuple):
+    """A quantity to maximise."""
+
+    words: str
+    unit: str
+    at: Callable[[ResolvedTask, float], ResolvedTask]
+    """T(s) of a task and a value s."""
+    scale: Callable[[ResolvedTask], float]
+    """Value to which others are compared."""
+
+
+def task_at(task: ResolvedTask, value: float) -> ResolvedTask:
+    """Return T(s) of a task with `search.maximize`, for a value s in the quantity's unit."""
+    assert task.search.maximize is not None
+    return QUANTITIES[task.search.maximize].at(task, value).with_fields("search", reached=value)
+
+
+def provable_at(task: ResolvedTask, value: float) -> ResolvedTask:
+    """Return T(s) with the directions in which a proof asks for a maximised reserve."""
+    name, disc = task.search.maximize, task.flight.directions == "horizontal"
+    spread = ring(16) if name == "force_reserve" and disc else BALL
+    return task_at(task, value).with_fields("search", towards=spread if name in RESERVES else ())
+
+
+def sample_directions(*, disc: bool) -> tuple[Vector, ...]:
+    """Return unit vectors in all directions, or all horizontal ones, with the symmetries of a cube."""
+    if disc:
+        angles = 2 * np.pi / 64 * np.arange(64)
+        vectors = np.stack([np.cos(angles), np.sin(angles), np.zeros(64)], axis=1)
+    else:
+        grid = np.array([p for p in product(range(-3, 4), repeat=3) if max(map(abs, p)) == 3])
+        vectors = grid / np.linalg.norm(grid, axis=1, keepdims=True)
+    return tuple(tuple(v) for v in vectors.tolist())
+
+
+def unit_of(task: ResolvedTask) -> float:
+    """Return the value that counts as one in the solver."""
+    assert task.search.maximize is not None
+    return QUANTITIES[task.search.maximize].scale(task)
+
+
+def step_of(task: ResolvedTask, value: float) -> float:
+    """Return the increase of a value that counts: a thousandth, of a tenth of the unit at least."""
+    return 1e-3 * max(value, 0.1 * unit_of(task))
+
+
+def measure(task: ResolvedTask, cases: tuple[CaseFlight, ...]) -> tuple[float, tuple[Vector, ...]]:
+    """Return the value of a maximised reserve, and the directions in which it ends first, one for each ball.
+
+    Args:
+        task: the task.
+        cases: reserves of hover and of every load case, from an audit.
+    """
+    kind, side = "torque", "_Nm"
+    points: tuple[str, ...] = ("",)
+    if task.search.maximize == "force_reserve":
+        kind, side, points = "force", "_N", POINT_SUFFIXES[task.flight.at]
+        kind = "horizontal" if task.flight.directions == "horizontal" else kind
+    balls = [(cases[number], point) for number, _, _ in centres(task_at(task, 1.0)) for point in points]
+    sizes = [getattr(case, f"{kind}_reserve{point}{side}") or 0.0 for case, point in balls]
+    towards = [getattr(case, f"{kind}_weakest{point}") for case, point in balls]
+    return min(sizes), tuple(dict.fromkeys(v for v in towards if v is not None))
+
+
+def broken_maximize(task: Task) -> Broken:
+    """Yield broken rules about the maximised quantity."""
+    name, field = task.search.maximize, ("search", "maximize")
+    if name is None:
+        return
+    if name in RESERVES:
+        if task.search.reached is None and getattr(task.flight, name):
+            yield ("flight", name), f"must be left out if it is maximised, but got {getattr(task.flight, name):g}"
+        if getattr(task.goals, name):
+            yield ("goals", name), f"must be left out if it is maximised, but got {show(getattr(task.goals, name))}"
+        if task.flight.allocator != "optimal":
+            rule = "must be `optimal` if a reserve is maximised"
+            yield ("flight", "allocator"), f"{rule}, but got {show(task.flight.allocator)}"
+    if name == "load" and task.search.reached is None and not any(map(_is_loaded, task.cases)):
+        yield field, f"needs a load case with a wrench at the end-effector, but got {show(name)}"
+    weight = task.force_unit(task.sizes[-1]) if task.sizes else 0.0
+    if name == "payload" and not any(
+        case.to_si(weight, 1.0).at_com.force[2] >= weight * (1 - 1e-9) for case in task.cases
+    ):
+        yield field, f"needs a load case that carries the weight, but got {show(name)}"
+
+
+def _is_loaded(case: LoadCase) -> bool:
+    wrenches = [case.at_end_effector, *(corner.at_end_effector for corner in case.corners)]
+    return not all(is_zero(vector) for wrench in wrenches for vector in (wrench.force, wrench.torque))
+
+
+def _without_load(task: ResolvedTask, number: int) -> LoadCase:
+    """Return a load case without what acts at the end-effector, and without effort."""
+    case = task.load_cases[number]
+    plain = {"end_effector": None, "com": case.at_com, "cone": None, "vertices": (), "weight": 0.0}
+    return case.model_copy(update={**plain, "name": f"unloaded {number}"})
+
+
+def _force_reserve(task: ResolvedTask, value: float) -> ResolvedTask:
+    return task.with_fields("flight", force_reserve=value)
+
+
+def _torque_reserve(task: ResolvedTask, value: float) -> ResolvedTask:
+    return task.with_fields("flight", torque_reserve=value)
+
+
+def _load(task: ResolvedTask, value: float) -> ResolvedTask:
+    cases, bare = list[LoadCase](), list[LoadCase]()
+    for number, case in enumerate(task.load_cases):
+        loads = case.scale(value, value)
+        cases.append(loads.model_copy(update={"com": case.com}))
+        bare += [_without_load(task, number)] if _is_loaded(case) else []
+    return task.model_copy(update={"load_cases": (*cases, *bare)})
+
+
+def _payload(task: ResolvedTask, value: float) -> ResolvedTask:
+    cases, bare = list(task.load_cases), list[LoadCase]()
+    for number, _, _ in weight_cases(task, "all")[1:]:
+        case = task.load_cases[number - 1]
+        wrenches = [_carry(wrench, value * task.gravity) for wrench in (case.at_end_effector, *case.vertices)]
+        cone = case.cone
+        if cone is not None:  # its corners, as a cone has no weight
+            wrenches += [_carry(corner.at_end_effector, value * task.gravity) for corner in case.corners]
+        changes = {"end_effector": wrenches[0], "vertices": tuple(wrenches[1:]), "cone": None}
+        cases[number - 1] = case.model_copy(update=changes)
+        bare.append(_without_load(task, number - 1))
+    return task.model_copy(update={"load_cases": (*cases, *bare)})
+
+
+def _carry(wrench: Wrench, weight: float) -> Wrench:
+    x, y, z = wrench.force
+    return wrench.model_copy(update={"force": (x, y, z + weight)})
+
+
+QUANTITIES = {
+    "force_reserve": Quantity("force reserve", "N", _force_reserve, lambda task: task.force_unit(task.n)),
+    "torque_reserve": Quantity("torque reserve", "N m", _torque_reserve, lambda task: task.torque_unit(task.n)),
+    "load": Quantity("load", "times the task's", _load, lambda _: 1.0),
+    "payload": Quantity("payload", "kg", _payload, lambda task: task.total_mass(task.n)),
+}
+"""Quantities by their name in `search.maximize`."""

@@ -1,0 +1,95 @@
+"""Rules about a module's table of rotors."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from topo_search.model.arrays import Array
+from topo_search.model.module import PRECISION, Module
+from topo_search.model.rotors import UP, RotorTable
+from topo_search.model.value import Broken, show
+
+if TYPE_CHECKING:
+    from topo_search.model.task import Task
+
+MOST_TILT_DEG = 20.0
+"""Largest tilt of rotors whose jets one envelope about the module's axis encloses without its neighbours [deg]."""
+PROJECTIONS, NEAR = 200, 1e-3
+"""Number of projections onto each of two discs, and distance at which they count as meeting [radius]."""
+
+
+def broken_rotors(task: Task) -> Broken:
+    """Yield broken rules about the table of rotors, or else what is not known of the air of such rotors."""
+    broken = [] if task.module.rotors is None else list(_broken_table(task.module))
+    yield from broken or _broken_air(task)
+
+
+def _broken_table(module: Module) -> Broken:
+    """Yield broken rules about the table itself."""
+    assert module.rotors is not None
+    farthest, table = module.connector_distance + module.body.rotor_radius, module.rotor_table
+    for q, rotor in enumerate(module.rotors):
+        if (distance := math.hypot(*rotor.position)) > farthest:
+            rule = f"must be at most connector_distance + body.rotor_radius = {farthest:.4g} m from the centre"
+            text = f"{rule}, but got {show(rotor.position)}, {distance:.4g} m away"
+            yield ("module", "rotors", q, "position"), text
+    if (pair := discs_meet(table, module.body.rotor_radius / module.arm_length)) is not None:
+        first, second = pair
+        apart = math.dist(module.rotors[first].position, module.rotors[second].position)
+        rule = f"must not overlap rotors[{first}]: discs of body.rotor_radius = {module.body.rotor_radius:g} m"
+        text = f"{rule} need more room, but got centres {apart:.4g} m apart"
+        yield ("module", "rotors", second, "position"), text
+    axes = [rotor.axis for rotor in module.rotors]
+    mean = table.axes.sum(axis=0)
+    if table.axes[:, 2].max() <= 0:
+        yield ("module", "rotors"), f"at least one axis must point up, along z, but got {show(axes)}"
+    elif np.linalg.norm(mean / np.linalg.norm(mean) - UP) > PRECISION:
+        along = show([round(x, 4) for x in (mean / np.linalg.norm(mean)).tolist()])
+        text = f"the sum of all axes, as unit vectors, must point along z, but points along {along}"
+        yield ("module", "rotors"), text
+    if module.airflow.speed is not None and not table.is_x:
+        rule = "must be left out with rotors other than an X: the jet model was measured for that"
+        yield ("module", "airflow", "speed"), f"{rule}, but got {module.airflow.speed:g}"
+
+
+def _broken_air(task: Task) -> Broken:
+    """Yield what is not known of the air of a module's own table of rotors."""
+    rotors, tilt_deg = task.module.rotor_table, math.degrees(task.module.rotor_table.tilt)
+    if not rotors.is_x:
+        rule = "must be left out with rotors other than an X: the jet model was measured for that"
+        limited = ((e, region.speed) for e, region in enumerate(task.exposure) if region.speed is not None)
+        yield from ((("exposure", e, "speed"), f"{rule}, but got {speed:g}") for e, speed in limited)
+    if tilt_deg > MOST_TILT_DEG and task.search.interference != "separation":
+        rule = f"axes must be within {MOST_TILT_DEG:g} deg of the module's unless search.interference is"
+        yield ("module", "rotors"), f'{rule} "separation", which checks no airflow, but got {tilt_deg:.4g} deg'
+    regions = [e for e, region in enumerate(task.exposure) if region.geometry]
+    if tilt_deg > MOST_TILT_DEG and regions:
+        rule = f"keeps airflow out, which is not known for axes {MOST_TILT_DEG:g} deg or more from the module's"
+        yield ("exposure", regions[0]), f"{rule}: set geometry = false, but got {tilt_deg:.4g} deg"
+
+
+def discs_meet(rotors: RotorTable, radius: float) -> tuple[int, int] | None:
+    """Return the numbers of two rotors whose discs, of a radius in l_arm, have a point in common; None without any.
+
+    Alternating projections onto two convex sets converge to their nearest points.
+    """
+    for first, second in itertools.combinations(range(rotors.count), 2):
+        if np.linalg.norm(rotors.positions[first] - rotors.positions[second]) >= 2 * radius:
+            continue
+        x = y = rotors.positions[first]
+        for _ in range(PROJECTIONS):
+            y = _onto_disc(rotors, second, radius, x)
+            x = _onto_disc(rotors, first, radius, y)
+        if np.linalg.norm(x - y) <= NEAR * radius:
+            return first, second
+    return None
+
+
+def _onto_disc(rotors: RotorTable, q: int, radius: float, x: Array) -> Array:
+    centre, axis = rotors.positions[q], rotors.axes[q]
+    across = x - centre - (x - centre) @ axis * axis
+    return np.asarray(centre + min(1.0, radius / max(float(np.linalg.norm(across)), 1e-300)) * across)
