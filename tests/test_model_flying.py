@@ -8,7 +8,7 @@ import pytest
 
 from topo_search.model import Design, Task
 from topo_search.model.files import read_json, to_toml
-from topo_search.model.flying import FLYING, find_missed, on_paper
+from topo_search.model.flying import FLYING, fallback, find_missed
 from topo_search.model.joint_mass import joint_mass
 from topo_search.model.task_file import examples, read_task
 from verify import audit
@@ -31,9 +31,12 @@ def test_a_task_that_carries_the_weight_asks_for_what_the_shipped_flying_tasks_a
     assert values(given) == FLYING == values(read_task("wall-push"))
     assert set(given.flight.filled) == set(FLYING)
     assert given.flight.tolerances
-    assert values(task(BARE)) == values(task(flight={"defaults": False})) == values(on_paper(given))
+    point = {"flight.at": "tip", "flight.directions": "all"}  # the fallback keeps those of the default
+    assert values(task(BARE)) == values(task(flight={"defaults": False})) == {**values(fallback(given)), **point}
     assert not task(BARE).flight.asks
-    assert not on_paper(given).resolve(3).flight.asks
+    assert not fallback(given).resolve(3).flight.asks
+    assert fallback(given).search.maximize == "force_reserve"
+    assert fallback(task(flight={"force_reserve": 0.1})).search.maximize is None
 
 
 @pytest.mark.parametrize("name", examples())
@@ -93,7 +96,7 @@ def test_rod_and_joints_weigh_something_unless_a_task_says_otherwise() -> None:
 
 def without_defaults(design: Design) -> Design:
     """The design as if its task had dropped every default."""
-    dropped = on_paper(task()).flight.dropped
+    dropped = fallback(task()).flight.dropped
     return design.model_copy(update={"task": design.task.with_fields("flight", dropped=dropped)})
 
 

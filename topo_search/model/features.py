@@ -8,7 +8,7 @@ from __future__ import annotations
 from topo_search.model.air import AirSpeeds, FastAir
 from topo_search.model.assembly import Assembly
 from topo_search.model.flight import CasePower, Flight
-from topo_search.model.flying import Missed, find_missed, on_paper, with_defaults, with_older_defaults
+from topo_search.model.flying import Missed, fallback, find_missed, with_defaults, with_older_defaults
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
 from topo_search.model.html import audit_html, design_html
 from topo_search.model.joint_mass import joint_mass
@@ -28,6 +28,6 @@ CORNER_SETS = (reserve_corners, failure_corners)
 __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly",
     "CasePower", "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed",
-    "Sensitivity", "Tolerances", "audit_html", "design_html", "find_missed", "joint_mass", "on_paper",
+    "Sensitivity", "Tolerances", "audit_html", "design_html", "fallback", "find_missed", "joint_mass",
     "with_defaults", "with_older_defaults",
 ]  # fmt: skip

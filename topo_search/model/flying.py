@@ -50,7 +50,7 @@ MEANING = {
     "module.min_input": ("least input", "u_max", 1.0),
 }
 """Words, shown unit and factor to it of the fields of `FLYING`, except `POINT`."""
-DROPPED = "no design holds the defaults of a flying task, so this one was solved without them"
+DROPPED = "no design holds the defaults of a flying task, so the one of the largest side force was sought"
 """Remark on a design that misses some."""
 NEARLY = 0.999
 """Share of a default that counts as all of it: audits have tolerances."""
@@ -108,14 +108,22 @@ def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
     return data | {name: table for name, table in tables.items() if table or name in data}
 
 
-def on_paper(task: Task) -> Task:
-    """Return a task without the defaults of flying tasks, all that it states kept."""
+def fallback(task: Task) -> Task:
+    """Return a task without the defaults of flying tasks, all that it states kept.
+
+    If it left the force reserve out, and has no goals, the largest one is sought.
+    """
+    maximized = task.search.maximize
+    if "flight.force_reserve" in task.flight.filled and not (maximized or task.goals.names):
+        maximized = "force_reserve"
+    point = {path.removeprefix("flight."): FLYING[path] for path in POINT if maximized == "force_reserve"}
     for path in task.flight.filled:
         part, field = path.split(".")
         task = task.with_fields(part, **{field: type(getattr(task, part)).model_fields[field].default})
     tolerances = task.flight.tolerances if task.tolerances != Tolerances() else None
     dropped = tuple(path for path in task.flight.filled if path not in POINT)
-    return task.with_fields("flight", defaults=False, tolerances=tolerances, dropped=dropped)
+    task = task.with_fields("search", maximize=maximized)
+    return task.with_fields("flight", defaults=False, tolerances=tolerances, dropped=dropped, **point)
 
 
 def scaled_defaults(task: Task, share: float) -> Task:

@@ -289,7 +289,7 @@ def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
 
 
 def _reproduction(folder: RunFolder) -> dict[str, Any]:
-    request = folder.request
+    request = folder.request.asked or folder.request
     search = f"--strategy {request.strategy} --symmetry {request.symmetry}"
     options = f"{search} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":

@@ -186,18 +186,18 @@ class RunFolder:
         return None if self.request.asked is None else RunFolder(self.path, self.request.asked, self.ledger)
 
     @property
-    def on_paper(self) -> RunFolder:
-        """The folder of the same run without the defaults of flying tasks."""
-        return RunFolder(self.path, self.request.on_paper, self.ledger)
+    def fallback(self) -> RunFolder:
+        """The folder of the run that follows if no design holds the defaults of flying tasks."""
+        return RunFolder(self.path, self.request.fallback, self.ledger)
 
     @property
     def answering(self) -> RunFolder:
-        """This folder, or `on_paper` if no design holds the defaults and the run has gone on without them."""
+        """This folder, or `fallback` if no design holds the defaults and the run has gone on without them."""
         if not self.request.task.flight.filled or self.has_clear:
             return self
-        on_paper = self.on_paper
-        contexts = (level.request.contexts(n)[0] for level in on_paper.levels for n in level.request.task.sizes)
-        return on_paper if any(map(self.ledger.bound, contexts)) else self
+        other = self.fallback
+        contexts = (level.request.contexts(n)[0] for level in other.levels for n in level.request.task.sizes)
+        return other if any(map(self.ledger.bound, contexts)) else self
 
     @property
     def has_clear(self) -> bool:

@@ -24,7 +24,7 @@ from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
-from topo_search.model.features import Level, on_paper
+from topo_search.model.features import Level, fallback
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
@@ -214,9 +214,12 @@ class Request:
         )
 
     @property
-    def on_paper(self) -> Request:
-        """The same request without the defaults of flying tasks."""
-        return replace(self, task=on_paper(self.task), asked=self)
+    def fallback(self) -> Request:
+        """The request that follows if no design holds the defaults of flying tasks."""
+        task, strategy = fallback(self.task), self.strategy
+        if strategy == "exhaustive" and task.search.maximize is not None:
+            strategy = "randomized"
+        return replace(self, task=task, asked=self, strategy=strategy, prune=False)
 
     @property
     def folder_name(self) -> str:
