@@ -86,6 +86,8 @@ class Limits:
     """Time limit [s]: 31 years."""
     gaps: tuple[float, float] = (1e-4, 0.5)
     """Smallest and largest gap that a proof can aim for."""
+    angle_steps: tuple[float, float] = (0.1, 45.0)
+    """Step of rounded hinge angles [deg]: from the precision of brackets."""
     percent: int = 1000
     """Effort above the best one, of designs that are kept or that a kit chooses from [%]."""
 

@@ -12,7 +12,7 @@ import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras, note
 from topo_search.export.formats import BUILT_IN
-from topo_search.model.search import MIN_STEP_DEG
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @options.whole_number("--load-case", (0, None), "Load case for --air-speed (default: 0).", metavar="K")
 @options.real_number(
     "--angle-step",
-    (MIN_STEP_DEG, 45),
+    LIMITS.angle_steps,
     "Round the hinge angles of a kit to this step, solve the rest again, audit it and report the changes.",
     metavar="DEG",
 )

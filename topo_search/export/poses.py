@@ -54,9 +54,23 @@ class Arm(NamedTuple):
 
 def arms(module: Module) -> list[Arm]:
     """Return the arms of a module, in the order of its rotors."""
-    lengths = (module.arm_length * module.rotor_table.distances).tolist()
-    bearings = zip(module.rotor_table.bearings, lengths, strict=True)
-    return [Arm(azimuth, elevation, length) for (azimuth, elevation), length in bearings]
+    table = module.rotor_table
+    lengths = (module.arm_length * table.distances).tolist()
+    bearings = [(math.atan2(y, x), math.atan2(z, math.hypot(x, y))) for x, y, z in table.directions.tolist()]
+    return [Arm(*bearing, length) for bearing, length in zip(bearings, lengths, strict=True)]
+
+
+def rotor_rotations(module: Module) -> list[Array]:
+    """Return the smallest rotation from z to each rotor's axis, shape (3, 3) each."""
+    return [_tilt(axis) for axis in module.rotor_table.axes]
+
+
+def _tilt(axis: Array) -> Array:
+    x, y, z = axis
+    if z < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    V = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with UP x axis
+    return np.asarray(np.eye(3) + V + V @ V / (1 + z))
 
 
 def load_wrenches(design: Design, poses: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:

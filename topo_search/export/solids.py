@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import arms, cone_slant, rod_of, shapes
+from topo_search.export.poses import arms, cone_slant, rod_of, rotor_rotations, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import SIDES, Mesh, cone_sphere, revolve
@@ -155,7 +155,7 @@ def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
     """Return the rotor discs in the module frame."""
     disc = cylinder(module.body.rotor_radius, module.body.rotor_height, sides)
     rotors = module.rotor_table
-    hubs = zip(rotors.orientations(), module.arm_length * rotors.positions, strict=True)
+    hubs = zip(rotor_rotations(module), module.arm_length * rotors.positions, strict=True)
     return [disc.move(turn, hub) for turn, hub in hubs]
 
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.mjcf import SPIN, numbers, rgba, xml_text
-from topo_search.export.poses import arms, mass_of, rod_of
+from topo_search.export.poses import arms, mass_of, rod_of, rotor_rotations
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import rotation_to
@@ -55,7 +55,7 @@ def urdf(design: Design) -> str:
     for i in range(design.topology.n):
         R = F[i].T @ poses.R[i]
         _module_link(robot, i, R, module)
-        for q, (arm, turn) in enumerate(zip(arms(module), module.rotor_table.orientations(), strict=True)):
+        for q, (arm, turn) in enumerate(zip(arms(module), rotor_rotations(module), strict=True)):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ arm.end, R @ turn)
@@ -96,7 +96,7 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     body = module.body
     rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
-    for arm, turn in zip(arms(module), module.rotor_table.orientations(), strict=True):
+    for arm, turn in zip(arms(module), rotor_rotations(module), strict=True):
         bar = "box", {"size": numbers(arm.length, body.arm_width, body.arm_width)}
         if arm.length:
             _shape(link, bar, R @ (arm.end / 2), R @ arm.R, "arm")

@@ -73,12 +73,6 @@ class RotorTable:
         return np.asarray(self.distances[:, None] * self.directions)
 
     @property
-    def spacing(self) -> float:
-        """Smallest distance of two rotors' centres; infinite for a single one [l_arm]."""
-        apart = np.linalg.norm(self.positions[:, None] - self.positions, axis=2)
-        return float(apart[~np.eye(self.count, dtype=bool)].min(initial=math.inf))
-
-    @property
     def along_ports(self) -> Array:
         """Distances of the rotors from the module's centre towards each port, shape (r, 4) [l_arm]."""
         return np.asarray(self.positions @ PORT_DIRECTIONS.T)
@@ -93,16 +87,6 @@ class RotorTable:
         """Largest distance of a rotor's centre from the module's axis, 1 for an X [l_arm]."""
         heights = self.distances * self.directions[:, 2]
         return float(np.sqrt(self.distances**2 - heights**2).max())
-
-    @property
-    def heights(self) -> Array:
-        """Distances of the discs from the module's centre along their axes, shape (r,) [l_arm]."""
-        return np.asarray(np.sum(self.positions * self.axes, axis=1))
-
-    @property
-    def bearings(self) -> list[tuple[float, float]]:
-        """Angle of each rotor from the module's x axis about z, and its elevation [rad]."""
-        return [(math.atan2(y, x), math.atan2(z, math.hypot(x, y))) for x, y, z in self.directions.tolist()]
 
     def torques(self, drag: float) -> Array:
         """Return the torques about the module's centre at unit thrust, shape (r, 3) [l_arm].
@@ -147,10 +131,6 @@ class RotorTable:
         moved = self.positions @ Q.T
         return np.asarray(np.linalg.norm(moved[:, None] - self.positions, axis=2).argmin(axis=1))
 
-    def orientations(self) -> list[Array]:
-        """Return the smallest rotation from z to each axis, shape (3, 3) each."""
-        return [_tilt(axis) for axis in self.axes]
-
     def arms(self, l_arm: float = 1.0) -> list[tuple[Array, float]]:
         """Return the axes of every arm as rows, along it, sideways and upwards, (3, 3), and its length.
 
@@ -160,14 +140,6 @@ class RotorTable:
         return [
             (_arm_axes(along), length) for along, length in zip(self.directions, lengths, strict=True) if length
         ]
-
-
-def _tilt(axis: Array) -> Array:
-    x, y, z = axis
-    if z < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    V = np.array([[0.0, 0.0, x], [0.0, 0.0, y], [-x, -y, 0.0]])  # cross product with UP x axis
-    return np.asarray(np.eye(3) + V + V @ V / (1 + z))
 
 
 def _arm_axes(along: Array) -> Array:

@@ -26,7 +26,7 @@ from topo_search.model.value import (
 
 BodyClearance = Annotated[Positive | Literal[False], OneOf("must be a length or false")]
 
-MIN_STEP_DEG = 0.1
+MIN_STEP_DEG = LIMITS.angle_steps[0]
 """Smallest difference of two hinge angles of a set, and smallest step [deg]: the precision of brackets."""
 
 

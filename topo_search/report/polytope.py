@@ -32,7 +32,7 @@ FILL = "rgba(0,114,178,0.15)"
 """Colour inside an outline."""
 
 
-class Section(NamedTuple):
+class Slice(NamedTuple):
     """A plane section of a polytope through the centre of its ball."""
 
     caption: str
@@ -60,7 +60,7 @@ def polytopes(designs: Sequence[tuple[Design, Audit | None]]) -> dict[str, Any] 
     return {"charts": charts, "ability": ability(best, best.search.reached)} if charts else None
 
 
-def _sections(design: Design, audit: Audit) -> Iterator[Section]:
+def _sections(design: Design, audit: Audit) -> Iterator[Slice]:
     """Yield the sections of the polytope in which the smallest ball of a design lies."""
     task, flight = design.task, audit.flight
     if flight is None:
@@ -93,7 +93,7 @@ def _sections(design: Design, audit: Audit) -> Iterator[Section]:
         if outline is not None:
             what = "horizontal forces" if is_disc else f"{name}s along {plane[0]} and {plane[1]}"
             towards = np.array(weakest)[:2] if is_disc and weakest is not None else None
-            yield Section(f"{size} ({what}{where}, {label})", plane, outline, radius, towards, unit)
+            yield Slice(f"{size} ({what}{where}, {label})", plane, outline, radius, towards, unit)
 
 
 def _facets(design: Design, case: LoadCase, *, is_force: bool, at_tip: bool) -> Array | None:
@@ -126,7 +126,7 @@ def _outline(facets: Array) -> Array | None:
     return vertices[np.argsort(np.arctan2(vertices[:, 1], vertices[:, 0]))]
 
 
-def _figure(section: Section, reach: float) -> Figure:
+def _figure(section: Slice, reach: float) -> Figure:
     """Return the chart of a section, with the same scale along both axes."""
     x, y = np.vstack([section.outline, section.outline[:1]]).T.round(4).tolist()
     angles = np.linspace(0, 2 * np.pi, 91)

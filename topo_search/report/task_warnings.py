@@ -303,7 +303,9 @@ def _gravity(task: Task) -> Doubts:
 def _module(module: Module) -> Doubts:
     """Yield signs of parts that cannot be built as given."""
     body = module.body
-    if 2 * body.rotor_radius > module.arm_length * module.rotor_table.spacing:
+    centres = module.rotor_table.positions
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2)[~np.eye(len(centres), dtype=bool)]
+    if 2 * body.rotor_radius > module.arm_length * apart.min(initial=np.inf):
         yield "module.body.rotor_radius", "adjacent rotors of a module overlap"
     least = rotor_reach(module) + body.rotor_radius
     if module.connector_distance < least:
