@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from topo_search.model.load_case import ForceCone
     from topo_search.model.mesh_file import ConvexPiece
     from topo_search.model.reserves import AskedFlight
+    from topo_search.model.rotors import ModuleRotor
     from topo_search.model.task_file import read_task
     from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
     from topo_search.report.charts import plot_candidates, plot_front, plot_history
@@ -71,8 +72,8 @@ __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
     "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
     "Fault", "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase",
-    "Local", "Module", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
-    "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform",
+    "Local", "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane",
+    "RegionAirflow", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform",
     "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench", "audit", "clearances",
     "compare", "export_design", "figure", "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove",
     "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search", "solve",

@@ -117,7 +117,7 @@ def read_design(path: str | Path) -> Design:
         ('a10', True)
     """
     design = read_completed(path)
-    return with_bound(design, nlp.lower_bound(design.task))
+    return design if design.value is not None else with_bound(design, nlp.lower_bound(design.task))
 
 
 def read_completed(path: str | Path) -> Design:

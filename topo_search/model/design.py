@@ -295,7 +295,7 @@ class Design(Geometry):
     def inputs(self) -> Array:
         """u as a read-only array, shape (K, n, r) [rad^2/s^2]."""
         return read_only(
-            np.asarray(self.rotor_speeds_squared).reshape(len(self.task.load_cases), self.topology.n, -1)
+            np.asarray(self.rotor_speeds_squared).reshape(len(self.rotor_speeds_squared), self.topology.n, -1)
         )
 
     _repr_html_ = design_html

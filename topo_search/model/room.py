@@ -96,10 +96,8 @@ def packed_width(module: Module, n: int) -> float:
 def body_radius(module: Module) -> float:
     """Return rho, the radius of the ball around the module's centre that contains all rigid parts [m]."""
     body, rotors = module.body, module.rotor_table
-    lengths, heights = (
-        module.arm_length * rotors.distances,
-        module.arm_length * np.sum(rotors.positions * rotors.axes, axis=1),
-    )
+    heights = module.arm_length * np.sum(rotors.positions * rotors.axes, axis=1)
+    lengths = module.arm_length * rotors.distances
     across = np.sqrt(np.maximum(0.0, lengths**2 - heights**2)) + body.rotor_radius
     rims = map(math.hypot, across, np.abs(heights) + body.rotor_height / 2)
     return max(*rims, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))

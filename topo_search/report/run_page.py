@@ -137,11 +137,11 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
     """Return the answer in one sentence."""
     if shown is None:
         return f"No design was found for {name}."
+    has = f"{shown.key} {'needs' if shown.value is None else 'has'} the {size.objective.least}"
     if answer.best is None:
-        return f"No design found for {name} passed its audit; {shown.key} has the {size.objective.least}."
+        return f"No design found for {name} passed its audit; {has}."
     if answer.levels:
-        front = f"{quantity(len(answer.points), 'design')} on the front"
-        return f"Of {front}, {shown.key} has the {size.objective.least}."
+        return f"Of {quantity(len(answer.points), 'design')} on the front, {has}."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     held = "" if answer.ability is None else f"{answer.ability} and "
     return f"{smallest}{shown.key} {held}is {size.statement}."

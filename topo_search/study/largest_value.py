@@ -82,7 +82,7 @@ def largest_value(name: str) -> LargestValue:
     return LargestValue(least, f"{least} [{quantity.unit}]", "upper bound", name, "more", quantity)
 
 
-AT_POINT = {"tip": "end-effector", "com": "centre of mass", "both": "end-effector and at the centre of mass"}
+AT_POINT = {"tip": "end-effector", "com": "centre of mass", "both": "end-effector or at the centre of mass"}
 """Points of `flight.at` in words."""
 
 

@@ -186,7 +186,7 @@ class Request:
             if value not in choices:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, but got {value!r}")
         if self.user_inputs.topologies is not None and self.strategy == "optuna":
-            raise ValueError("`topologies` cannot be combined with the strategy `optuna`: all are solved")
+            raise ValueError("`topologies` requires another strategy, such as `exhaustive`: all are solved")
         if self.strategy == "randomized" and self.task.search.maximize is None:
             raise ValueError("the strategy `randomized` requires `search.maximize`")
         if self.prune and self.task.search.maximize is not None:

@@ -54,6 +54,7 @@ def candidates(path: Path) -> pd.DataFrame:
         *AUDIT_FIGURES,
         "proven_bound",
         "proven_gap",
+        *("value", "value_bound", "reach"),
     )
     return frame.astype(dict.fromkeys(numbers, "float64"))
 
