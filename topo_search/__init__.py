@@ -70,14 +70,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
-    "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
-    "Fault", "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase",
-    "Local", "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane",
-    "RegionAirflow", "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
-    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench", "audit",
-    "clearances", "compare", "export_design", "figure", "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove",
-    "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search", "solve",
-    "to_json", "to_toml", "write_report",
+    "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior", "Fault",
+    "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
+    "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
+    "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
+    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
+    "audit", "clearances", "compare", "export_design", "figure", "plot_candidates", "plot_front", "plot_history",
+    "plot_platform", "prove", "read_answer", "read_design", "read_json", "read_task", "register_format",
+    "residuals", "search", "solve", "to_json", "to_toml", "write_report",
 ]  # fmt: skip
 
 
