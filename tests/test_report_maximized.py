@@ -12,6 +12,7 @@ from topo_search import read_task
 from topo_search.cli.tables import _rows
 from topo_search.compose import audit
 from topo_search.model import Topology
+from topo_search.model.largest_value import ability, objective_of
 from topo_search.model.maximized import task_at
 from topo_search.report.charts import progress
 from topo_search.report.design_page import bound, design_page
@@ -21,8 +22,6 @@ from topo_search.report.polytope import polytopes
 from topo_search.report.task_facts import facts
 from topo_search.report.wording import near_tie_cells, near_tie_columns
 from topo_search.study import SolveEvent
-from topo_search.study.largest_value import ability
-from topo_search.study.objective import objective_of
 from topo_search.study.proofs import ProofState
 
 HOVER = (

@@ -20,6 +20,7 @@ from topo_search.engine import Job
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json
+from topo_search.model.objective import LEAST_EFFORT
 from topo_search.model.proven import gap_percent
 from topo_search.model.task_file import read_task
 from topo_search.model.topology import PORT_NAMES
@@ -31,7 +32,6 @@ from topo_search.report.scene import scene
 from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
 from topo_search.study.ledger import Row, row_of
-from topo_search.study.objective import LEAST_EFFORT
 from topo_search.topologies import Candidate, candidates
 from verify.kinematics import platform
 

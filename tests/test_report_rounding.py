@@ -24,6 +24,7 @@ from topo_search.export.audits import summary_lines
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.design import ShorterRod
 from topo_search.model.goals import Level
+from topo_search.model.objective import LEAST_EFFORT
 from topo_search.model.proven import excess_texts
 from topo_search.model.relaxed import Relaxation
 from topo_search.model.sensitivity import WorstCase
@@ -36,7 +37,6 @@ from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
 from topo_search.study.ledger import Row
-from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.proofs import ProofState, problem
 from topo_search.study.proving import Checked, CheckedTree
 

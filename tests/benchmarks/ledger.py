@@ -21,10 +21,10 @@ from toy_problem import BOUND, solve, toy_task
 
 from topo_search.engine import ExhaustiveSearch, Job
 from topo_search.model import Design
+from topo_search.model.objective import LEAST_EFFORT
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.directory import digest_of
 from topo_search.study.ledger import row_of
-from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.solving import ProposedJobs
 
 BATCH = 1000

@@ -15,7 +15,7 @@ from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
-    from topo_search.study.objective import Objective
+    from topo_search.model.objective import Objective
 
 
 @command(epilog="Example: topo-search solve push --topology af0000 --out design.json")

@@ -12,6 +12,7 @@ from topo_search.model.flying import Missed, fallback, find_missed, with_default
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
 from topo_search.model.html import audit_html, design_html
 from topo_search.model.joint_mass import joint_mass
+from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import broken_maximize
 from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.placement import Placement
@@ -29,5 +30,5 @@ __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly",
     "CasePower", "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed",
     "Sensitivity", "Tolerances", "audit_html", "design_html", "fallback", "find_missed", "joint_mass",
-    "with_defaults", "with_older_defaults",
+    "objective_of", "with_defaults", "with_older_defaults",
 ]  # fmt: skip

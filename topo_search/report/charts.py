@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
-    from topo_search.study.objective import Objective
+    from topo_search.model.objective import Objective
 
 MAX_NUMBERED = 7
 """Largest size of a matrix whose values are written into its cells; in larger ones they do not fit."""

@@ -18,6 +18,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
 from topo_search.model.html import paragraph, table
+from topo_search.model.largest_value import LargestValue, objective_of
 from topo_search.model.maximized import Quantity
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.value import BadInput, Fault, as_bad_input, show
@@ -30,8 +31,6 @@ from topo_search.report.polytope import polytopes
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules, rounded_down, rounded_up
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
-from topo_search.study.largest_value import LargestValue
-from topo_search.study.objective import objective_of
 
 
 def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.flying import find_missed
+from topo_search.model.largest_value import LargestValue, ability, objective_of
+from topo_search.model.objective import Objective
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report import Tile, json_in_script
@@ -25,8 +27,6 @@ from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules, rounded_down, rounded_up
 from topo_search.study import Answer, Row, RunFolder
 from topo_search.study.columns import figures_of
-from topo_search.study.largest_value import LargestValue, ability
-from topo_search.study.objective import Objective, objective_of
 from topo_search.study.proofs import ProofState
 
 

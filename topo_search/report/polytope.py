@@ -16,12 +16,12 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 from topo_search.export import palette
 from topo_search.model import Audit, Design, LoadCase
 from topo_search.model.arrays import Array
+from topo_search.model.largest_value import ability
 from topo_search.model.maximized import RESERVES
 from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
 from topo_search.report import Figure
 from topo_search.report.charts import axes, line, markers
 from topo_search.report.wording import rounded_down
-from topo_search.study.largest_value import ability
 from verify.flight.programs import Bounds
 from verify.flight.vehicle import force_hull
 from verify.kinematics import platform, required_wrench, wrench_map

@@ -12,6 +12,7 @@ from topo_search.export.audits import broken_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible
 from topo_search.model.flying import DROPPED
+from topo_search.model.largest_value import LargestValue
 from topo_search.model.proven import NOT_CERTIFIED, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
@@ -42,7 +43,6 @@ from topo_search.study import (
     answer_of,
 )
 from topo_search.study.columns import kind_of
-from topo_search.study.largest_value import LargestValue
 from topo_search.study.proofs import candidates_of
 
 

@@ -13,8 +13,8 @@ from topo_search.limits import quantity as quantity
 
 if TYPE_CHECKING:
     from topo_search.model import Clearance
+    from topo_search.model.objective import Objective
     from topo_search.study import Row
-    from topo_search.study.objective import Objective
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 

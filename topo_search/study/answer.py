@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from topo_search.model import Audit, Design
 from topo_search.model.features import FastAir, Level, Missed, Relaxed, find_missed
+from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import gap_percent
 from topo_search.study.ledger import Row, best_of
-from topo_search.study.objective import LEAST_EFFORT, Objective
 from topo_search.study.pareto import FrontPoint, idle_goals
 from topo_search.study.tables import answer_html, candidates, front_table, shortfalls, size_html, solves
 from topo_search.topologies import Resolution

@@ -15,13 +15,14 @@ from pathlib import Path
 from topo_search.engine import scaled_violation
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible
+from topo_search.model.features import objective_of
+from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.study.answer import SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.features import ADD_TO_ANSWER, ADD_TO_SIZE
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import NEAR_BEST, Row
 from topo_search.study.ledger_file import LedgerLost, damage
-from topo_search.study.objective import LEAST_EFFORT, Objective, objective_of
 from topo_search.study.request import Request
 from topo_search.study.solving import needs_audit
 

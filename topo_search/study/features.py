@@ -11,16 +11,11 @@ from typing import TYPE_CHECKING
 from topo_search.engine import ExhaustiveSearch, Strategy
 from topo_search.engine.randomized import RandomizedSearch
 from topo_search.study.folder import RunFolder
-from topo_search.study.largest_value import largest_value
 from topo_search.study.pareto import add_front, write_front
 from topo_search.study.proofs import add_proofs
 from topo_search.study.relaxing import add_causes, find_causes
 from topo_search.study.solving import Tools
 from topo_search.study.tables import write_candidates
-
-__all__ = [
-    "ADD_TO_ANSWER", "ADD_TO_SIZE", "AFTER_SEARCH", "FILES", "STRATEGIES", "largest_value",
-]  # fmt: skip
 
 if TYPE_CHECKING:
     from topo_search.study.answer import Answer, SizeAnswer

@@ -14,13 +14,13 @@ from typing import Literal
 from topo_search.engine import Backends, Failed, Job, audit_deadline
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
+from topo_search.model.objective import LEAST_EFFORT
 from topo_search.model.proof import Text
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.value import Index, Number, Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row, row_of
-from topo_search.study.objective import LEAST_EFFORT
 from topo_search.study.progress import solving_phase
 from topo_search.study.request import Context
 from topo_search.study.solving import Tools, audit_best

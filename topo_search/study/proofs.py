@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
+from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import provable_at
 from topo_search.model.proof import Aim, Problem, most_effort
 from topo_search.model.proven import gap_percent, upper_text
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
-from topo_search.study.objective import objective_of
 
 if TYPE_CHECKING:
     from topo_search.study.answer import SizeAnswer

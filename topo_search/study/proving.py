@@ -26,7 +26,9 @@ from topo_search.model import (
     Topology,
 )
 from topo_search.model.files import to_json
+from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import provable_at
+from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proof import Aim, Problem, chunk_count, most_effort
 from topo_search.model.proven import gap_percent, lower_text, upper_text
 from topo_search.study.answer import Answer
@@ -35,7 +37,6 @@ from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.objective import LEAST_EFFORT, Objective, objective_of
 from topo_search.study.progress import EXPECTED, Observer, Phase
 from topo_search.study.proofs import (
     claim_of,

@@ -34,9 +34,9 @@ from topo_search.engine import (
     merge,
 )
 from topo_search.model import Design, Infeasible, Topology
+from topo_search.model.features import objective_of
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score_of
-from topo_search.study.objective import objective_of
 from topo_search.study.progress import AUDIT_BATCH, Observer, PhaseName, audit_phase, solving_phase
 from topo_search.study.request import Context, Margins, Request
 

@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from topo_search.model import Design, ResolvedTask
 from topo_search.model.maximized import QUANTITIES, Quantity
+from topo_search.model.objective import LEAST_EFFORT, ROUNDING, Objective, Rated
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.study.objective import ROUNDING, Objective
 
 if TYPE_CHECKING:
-    from topo_search.study.ledger import Row, SolveEvent
+    from topo_search.model.task import ResolvedTask, Task
 
 
 @dataclass(frozen=True)
@@ -21,20 +20,21 @@ class LargestValue(Objective):
 
     quantity: Quantity = QUANTITIES["force_reserve"]
 
-    def number(self, of: Row | Design | SolveEvent) -> float | None:
+    def number(self, of: Rated) -> float | None:
         """Return the value, in the quantity's unit."""
-        return of.value
+        value: float | None = of.value
+        return value
 
-    def gap(self, of: Row | Design, bound: float) -> float | None:
+    def gap(self, of: Rated, bound: float) -> float | None:
         """Return bound / value - 1; None of a value of 0."""
         return bound / of.value - 1 if of.value else None
 
-    def excess(self, of: Row | Design, best: Row) -> float:
+    def excess(self, of: Rated, best: Rated) -> float:
         """Return the value of the best / value - 1."""
         value, largest = of.value or 0.0, best.value or 0.0
         return 0.0 if value >= largest else largest / value - 1 if value else math.inf
 
-    def breaks(self, of: Row, bound: float) -> bool:
+    def breaks(self, of: Rated, bound: float) -> bool:
         """Return whether the value is above the bound."""
         return of.value is not None and of.value > bound * (1 + ROUNDING)
 
@@ -42,23 +42,23 @@ class LargestValue(Objective):
         """Return (1 + gap) (1 + excess) - 1."""
         return (1 + gap) * (1 + excess) - 1
 
-    def words(self, of: Row | Design, digits: int = 3) -> str:
+    def words(self, of: Rated, digits: int = 3) -> str:
         """Return the value and its effort in words."""
         return f"{self.value_words(of, digits)}, J = {of.objective:.{digits}g} rad^4/s^4"
 
-    def bound_words(self, of: Row) -> str:
+    def bound_words(self, of: Rated) -> str:
         """Return the largest value that any topology may have."""
         return f"has more than {upper_text(of.value_bound or 0.0, 4)} {self.quantity.unit}"
 
-    def value_words(self, of: Row | Design, digits: int = 3) -> str:
+    def value_words(self, of: Rated, digits: int = 3) -> str:
         """Return the value in words."""
         return f"{self.quantity.words} {lower_text(of.value or 0.0, digits)} {self.quantity.unit}"
 
-    def improvement(self, of: Row | Design, gap: float) -> str:
+    def improvement(self, of: Rated, gap: float) -> str:
         """Return the value that none exceeds."""
         return f"has more than {upper_text((of.value or 0.0) * (1 + gap), 4)} {self.quantity.unit}"
 
-    def difference(self, of: Row | Design, best: Row) -> str:
+    def difference(self, of: Rated, best: Rated) -> str:
         """Return by what share the value is smaller."""
         return f"-{100 * (1 - (of.value or 0.0) / best.value) if best.value else 0.0:.2f} %"
 
@@ -75,9 +75,11 @@ class LargestValue(Objective):
         return None, bound
 
 
-def largest_value(name: str) -> LargestValue:
-    """Return the objective of a quantity, by its name in `search.maximize`."""
-    quantity = QUANTITIES[name]
+def objective_of(task: Task) -> Objective:
+    """Return the objective of a task."""
+    if task.search.maximize is None:
+        return LEAST_EFFORT
+    quantity = QUANTITIES[task.search.maximize]
     least, name = f"largest {quantity.words}", quantity.words
     return LargestValue(least, f"{least} [{quantity.unit}]", "upper bound", name, "more", quantity)
 

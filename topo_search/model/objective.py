@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from topo_search.model import Design, ResolvedTask, Task
 from topo_search.model.proven import improvement, lower_text
 
 if TYPE_CHECKING:
-    from topo_search.study.ledger import Row, SolveEvent
+    from topo_search.model.task import ResolvedTask
+
+Rated = Any
+"""A design, or the row or event of a run that has its numbers."""
 
 ROUNDING = 3.0e-6
 """Relative error of a bound by rounding, and in older ledgers, which leave tolerances to the audit."""
@@ -30,39 +32,40 @@ class Objective:
     better: Literal["less", "more"] = "less"
     """Which numbers are better."""
 
-    def number(self, of: Row | Design | SolveEvent) -> float | None:
+    def number(self, of: Rated) -> float | None:
         """Return J [rad^4/s^4]."""
-        return of.objective
+        J: float | None = of.objective
+        return J
 
-    def gap(self, of: Row | Design, bound: float) -> float | None:
+    def gap(self, of: Rated, bound: float) -> float | None:
         """Return 1 - bound / J; None without effort."""
         return None if not of.objective else 1.0 - bound / of.objective
 
-    def excess(self, of: Row | Design, best: Row) -> float:
+    def excess(self, of: Rated, best: Rated) -> float:
         """Return J / J of the best - 1."""
         return (of.objective or 0.0) / best.objective - 1 if best.objective else 0.0
 
-    def breaks(self, of: Row, bound: float) -> bool:
+    def breaks(self, of: Rated, bound: float) -> bool:
         """Return whether J is below the bound."""
-        return of.objective is not None and of.objective < bound * (1 - ROUNDING)
+        return of.objective is not None and bool(of.objective < bound * (1 - ROUNDING))
 
     def gap_after(self, gap: float, excess: float) -> float:
         """Return 1 - (1 - gap) / (1 + excess)."""
         return max(0.0, 1 - (1 - gap) / (1 + excess))
 
-    def words(self, of: Row | Design, digits: int = 3) -> str:
+    def words(self, of: Rated, digits: int = 3) -> str:
         """Return J in words."""
         return f"J = {of.objective:.{digits}g} rad^4/s^4"
 
-    def bound_words(self, of: Row) -> str:
+    def bound_words(self, of: Rated) -> str:
         """Return by how much any topology may be better."""
         return f"is {improvement(of.gap or 0.0)}"
 
-    def improvement(self, of: Row | Design, gap: float) -> str:
+    def improvement(self, of: Rated, gap: float) -> str:
         """Return what no other platform of a design's size does, given the gap, after `no platform`."""
         return "can save more control effort"
 
-    def difference(self, of: Row | Design, best: Row) -> str:
+    def difference(self, of: Rated, best: Rated) -> str:
         """Return the difference of a design's number from that of the best, as a share in words."""
         return f"+{100 * self.excess(of, best):.2f} %"
 
@@ -80,10 +83,3 @@ class Objective:
 
 
 LEAST_EFFORT = Objective()
-
-
-def objective_of(task: Task) -> Objective:
-    """Return the objective of a task."""
-    from topo_search.study.features import largest_value  # that list imports this module
-
-    return LEAST_EFFORT if task.search.maximize is None else largest_value(task.search.maximize)
