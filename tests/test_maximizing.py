@@ -10,7 +10,8 @@ from nlp.climbing import RaisedProblem
 from nlp.lazy_solve import without_corners
 from nlp.starts.random_starts import draw, generator
 from topo_search import read_task, search
-from topo_search.engine import WAIT, Candidates, Proposal
+from topo_search.compose.maximizing import MostCapable
+from topo_search.engine import WAIT, Candidates, Job, Proposal
 from topo_search.engine.randomized import FEWEST_OPEN, RandomizedSearch
 from topo_search.engine.strategy import Tried
 from topo_search.model import BadInput, Topology
@@ -149,6 +150,23 @@ def test_what_cannot_be_maximised_is_refused(settings, words):
     with pytest.raises(BadInput) as refusal:
         hover(2, *settings)
     assert words in str(refusal.value)
+
+
+@pytest.mark.parametrize("option", [{"keep_within": 1.0}, {"prune": True}])
+def test_options_that_compare_efforts_are_refused(tmp_path, option):
+    with pytest.raises(ValueError, match="compares efforts"):
+        search(hover(2), out=tmp_path / "run", **option)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_climb_that_ends_below_what_was_asked_is_told_as_it_is(answer, monkeypatch):
+    """A solver that sees few directions finds designs for more than they hold."""
+    design = answer.design
+    job = Job(hover(3).resolve(3), design.topology, range(1), 0, reach=1.2 * design.value)
+    monkeypatch.setattr(MostCapable, "_climb", lambda self, found: self._measure(found)[0])
+    seen = design.model_copy(update={"task": task_at(design.task, 1.3 * design.value)})
+    found = MostCapable(job, lambda _: seen, lambda *_: [], audit).best()
+    assert found.value == pytest.approx(design.value, rel=1e-9)
 
 
 def test_only_the_default_of_the_maximised_field_is_dropped():

@@ -19,7 +19,7 @@ from topo_search.model import Design, Infeasible, ResolvedTask, Status
 from topo_search.model.maximized import RESERVES, measure, sample_directions, step_of, task_at
 from topo_search.model.value import Vector
 from topo_search.own_constraint import OwnConstraint
-from topo_search.study.request import Margins, margins, with_margin
+from topo_search.study.request import Margins
 
 
 class Maximizing(NamedTuple):
@@ -49,7 +49,7 @@ class MostCapable:
     def __post_init__(self) -> None:
         """Begin with the task's own margin, and with directions all around."""
         task = self.job.task
-        self.margins = Margins([with_margin(task, margin) for margin in margins(task)])
+        self.margins = Margins.of(task)
         if task.search.maximize in RESERVES:
             disc = task.search.maximize == "force_reserve" and task.flight.directions == "horizontal"
             self.towards += sample_directions(disc=disc)
@@ -69,11 +69,7 @@ class MostCapable:
             if best is not None and _value(climbed) < goal:
                 break
             best = climbed if _value(climbed) >= goal else best
-        return best or self.solve(self._job(math.nextafter(goal, math.inf)))
-
-    def _task(self, value: float) -> ResolvedTask:
-        """Return the task that asks for a value in the directions that the solver sees."""
-        return task_at(self._base, value)
+        return best or climbed
 
     @property
     def _base(self) -> ResolvedTask:
@@ -81,7 +77,8 @@ class MostCapable:
         return self.margins.task.with_fields("search", towards=tuple(self.towards))
 
     def _job(self, value: float) -> Job:
-        return replace(self.job, task=self._task(value))
+        """Return the job that asks for a value in the directions that the solver sees."""
+        return replace(self.job, task=task_at(self._base, value))
 
     def _climb(self, design: Design) -> Design:
         """Return the largest value near a design, as the audit measures it."""

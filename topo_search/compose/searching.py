@@ -158,6 +158,8 @@ def search(
     _refuse_too_long(request, math.inf if may_take_long else 24 * 3600.0 * (workers or available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
+    if keep_within is not None and base_task.search.maximize is not None:
+        raise ValueError("`keep_within` cannot be combined with `search.maximize`: it compares efforts")
     if prove is not None:
         refuse_unprovable(request, base_task.name)
         _refuse_gap("prove", prove)

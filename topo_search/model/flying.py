@@ -50,7 +50,7 @@ MEANING = {
     "module.min_input": ("least input", "u_max", 1.0),
 }
 """Words, shown unit and factor to it of the fields of `FLYING`, except `POINT`."""
-DROPPED = "no design holds the defaults of a flying task, so the one of the largest side force was sought"
+DROPPED = "no design holds the defaults of a flying task, so this one was solved without them"
 """Remark on a design that misses some."""
 NEARLY = 0.999
 """Share of a default that counts as all of it: audits have tolerances."""

@@ -185,6 +185,10 @@ class LoadCase(Value):
         }
         return self.model_copy(update=scaled)
 
+    def scale_tool(self, factor: float) -> LoadCase:
+        """Return the load case with all that acts at the end-effector scaled; the force at the COM stays."""
+        return self.scale(factor, factor).model_copy(update={"com": self.com})
+
     def _carry(self, weight: float) -> LoadCase:
         x, y, z = self.at_com.force
         com = self.at_com.model_copy(update={"force": (x, y, z + weight)})

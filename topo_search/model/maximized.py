@@ -19,10 +19,9 @@ from collections.abc import Callable
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
-import numpy as np
-
 from topo_search.model.load_case import LoadCase, Wrench
-from topo_search.model.reserves import POINT_SUFFIXES, centres, weight_cases
+from topo_search.model.reserves import POINT_SUFFIXES, PointSuffix, carries, weight_cases
+from topo_search.model.shape import unit
 from topo_search.model.value import Broken, Vector, is_zero, show
 
 if TYPE_CHECKING:
@@ -70,12 +69,9 @@ def provable_at(task: ResolvedTask, value: float) -> ResolvedTask:
 def sample_directions(*, disc: bool) -> tuple[Vector, ...]:
     """Return unit vectors in all directions, or all horizontal ones, with the symmetries of a cube."""
     if disc:
-        angles = 2 * np.pi / 64 * np.arange(64)
-        vectors = np.stack([np.cos(angles), np.sin(angles), np.zeros(64)], axis=1)
-    else:
-        grid = np.array([p for p in product(range(-3, 4), repeat=3) if max(map(abs, p)) == 3])
-        vectors = grid / np.linalg.norm(grid, axis=1, keepdims=True)
-    return tuple(tuple(v) for v in vectors.tolist())
+        return ring(64)
+    steps = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
+    return tuple(unit((x, y, z)) for x, y, z in product(steps, repeat=3) if max(abs(x), abs(y), abs(z)) == 3)
 
 
 def unit_of(task: ResolvedTask) -> float:
@@ -89,6 +85,33 @@ def step_of(task: ResolvedTask, value: float) -> float:
     return 1e-3 * max(value, 0.1 * unit_of(task))
 
 
+class ReserveBall(NamedTuple):
+    """Ball, or disc, of a maximised reserve."""
+
+    number: int
+    """Number of the case around which it lies: 0 for hover, k + 1 for load case k."""
+    label: str
+    case: LoadCase
+    point: PointSuffix
+    size: str
+    """Name of its radius in `CaseFlight`."""
+    weakest: str
+    """Name of the direction in which it ends first."""
+
+
+def balls_of(task: ResolvedTask) -> list[ReserveBall]:
+    """Return the balls of a task's maximised reserve."""
+    kind, unit_name, points = "torque", "Nm", POINT_SUFFIXES["tip"]
+    if task.search.maximize == "force_reserve":
+        kind, unit_name, points = "force", "N", POINT_SUFFIXES[task.flight.at]
+        kind = "horizontal" if task.flight.directions == "horizontal" else kind
+    return [
+        ReserveBall(number, label, case, point, f"{kind}_reserve{point}_{unit_name}", f"{kind}_weakest{point}")
+        for number, label, case in weight_cases(task, task.flight.around)
+        for point in points
+    ]
+
+
 def measure(task: ResolvedTask, cases: tuple[CaseFlight, ...]) -> tuple[float, tuple[Vector, ...]]:
     """Return the value of a maximised reserve, and the directions in which it ends first, one for each ball.
 
@@ -96,15 +119,10 @@ def measure(task: ResolvedTask, cases: tuple[CaseFlight, ...]) -> tuple[float, t
         task: the task.
         cases: reserves of hover and of every load case, from an audit.
     """
-    kind, side = "torque", "_Nm"
-    points: tuple[str, ...] = ("",)
-    if task.search.maximize == "force_reserve":
-        kind, side, points = "force", "_N", POINT_SUFFIXES[task.flight.at]
-        kind = "horizontal" if task.flight.directions == "horizontal" else kind
-    balls = [(cases[number], point) for number, _, _ in centres(task_at(task, 1.0)) for point in points]
-    sizes = [getattr(case, f"{kind}_reserve{point}{side}") or 0.0 for case, point in balls]
-    towards = [getattr(case, f"{kind}_weakest{point}") for case, point in balls]
-    return min(sizes), tuple(dict.fromkeys(v for v in towards if v is not None))
+    balls = [(cases[ball.number], ball) for ball in balls_of(task)]
+    towards = (getattr(case, ball.weakest) for case, ball in balls)
+    smallest = min(getattr(case, ball.size) or 0.0 for case, ball in balls)
+    return smallest, tuple(dict.fromkeys(v for v in towards if v is not None))
 
 
 def broken_maximize(task: Task) -> Broken:
@@ -123,9 +141,7 @@ def broken_maximize(task: Task) -> Broken:
     if name == "load" and task.search.reached is None and not any(map(_is_loaded, task.cases)):
         yield field, f"needs a load case with a wrench at the end-effector, but got {show(name)}"
     weight = task.force_unit(task.sizes[-1]) if task.sizes else 0.0
-    if name == "payload" and not any(
-        case.to_si(weight, 1.0).at_com.force[2] >= weight * (1 - 1e-9) for case in task.cases
-    ):
+    if name == "payload" and not any(carries(case.to_si(weight, 1.0), weight) for case in task.cases):
         yield field, f"needs a load case that carries the weight, but got {show(name)}"
 
 
@@ -150,11 +166,8 @@ def _torque_reserve(task: ResolvedTask, value: float) -> ResolvedTask:
 
 
 def _load(task: ResolvedTask, value: float) -> ResolvedTask:
-    cases, bare = list[LoadCase](), list[LoadCase]()
-    for number, case in enumerate(task.load_cases):
-        loads = case.scale(value, value)
-        cases.append(loads.model_copy(update={"com": case.com}))
-        bare += [_without_load(task, number)] if _is_loaded(case) else []
+    cases = (case.scale_tool(value) for case in task.load_cases)
+    bare = (_without_load(task, number) for number, case in enumerate(task.load_cases) if _is_loaded(case))
     return task.model_copy(update={"load_cases": (*cases, *bare)})
 
 
@@ -163,8 +176,7 @@ def _payload(task: ResolvedTask, value: float) -> ResolvedTask:
     for number, _, _ in weight_cases(task, "all")[1:]:
         case = task.load_cases[number - 1]
         wrenches = [_carry(wrench, value * task.gravity) for wrench in (case.at_end_effector, *case.vertices)]
-        cone = case.cone
-        if cone is not None:  # its corners, as a cone has no weight
+        if case.cone is not None:  # its corners, as a cone has no weight
             wrenches += [_carry(corner.at_end_effector, value * task.gravity) for corner in case.corners]
         changes = {"end_effector": wrenches[0], "vertices": tuple(wrenches[1:]), "cone": None}
         cases[number - 1] = case.model_copy(update=changes)

@@ -220,10 +220,15 @@ def weight_cases(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Res
     centres = [(0, "hover", hover)]
     if which == "all":
         for k, (label, case) in enumerate(zip(task.case_labels, task.load_cases, strict=True)):
-            if case.at_com.force[2] >= weight * (1 - 1e-9):  # up to rounding
+            if carries(case, weight):
                 plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
                 centres.append((k + 1, label, case.model_copy(update=plain)))
     return centres
+
+
+def carries(case: LoadCase, weight: float) -> bool:
+    """True if a load case in SI carries a weight [N], up to rounding."""
+    return case.at_com.force[2] >= weight * (1 - 1e-9)
 
 
 def box_corners(half: float) -> Array:

@@ -65,7 +65,7 @@ def keep_optima(folder: RunFolder, n: int, tools: Tools, *, percent: float) -> N
     """
     ledger, request = folder.ledger, folder.request
     contexts, best = request.contexts(n), ledger.best_clear(n)
-    if best is None or best.objective is None:
+    if best is None or best.objective is None or best.value is not None:  # optima of a value are none of effort
         return
     max_effort = (1 + percent / 100) * best.objective
     record = read_record(folder)

@@ -216,9 +216,8 @@ class Request:
     @property
     def fallback(self) -> Request:
         """The request that follows if no design holds the defaults of flying tasks."""
-        task, strategy = fallback(self.task), self.strategy
-        if strategy == "exhaustive" and task.search.maximize is not None:
-            strategy = "randomized"
+        task = fallback(self.task)
+        strategy = "randomized" if self.strategy == "exhaustive" and task.search.maximize else self.strategy
         return replace(self, task=task, asked=self, strategy=strategy, prune=False)
 
     @property
@@ -347,6 +346,11 @@ class Margins:
     step: int = 0
     """Index of the current margin."""
     _raised: int = 0
+
+    @classmethod
+    def of(cls, task: ResolvedTask) -> Margins:
+        """Return the margins of a task, its own first."""
+        return cls([with_margin(task, margin) for margin in margins(task)])
 
     @property
     def task(self) -> ResolvedTask:

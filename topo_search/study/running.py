@@ -103,18 +103,13 @@ def run(
 
 
 def attempts(folder: RunFolder, tools: Tools) -> Iterator[RunFolder]:
-    """Yield the folder, and if no design holds the defaults of flying tasks, the same run without them.
-
-    That run seeks the largest side force.
-    """
+    """Yield the folder, and if no design holds the defaults of flying tasks, the run that follows (`fallback`)."""
     yield folder
     if not folder.request.task.flight.filled or folder.has_clear or not answer_of(folder).complete:
         return
     rows = (row for level in folder.levels for n in folder.request.task.sizes for row in level.ledger.ranking(n))
     if not any(row.audit_failure is not None for row in rows):
-        tools.observer.note(
-            "no design holds the defaults of a flying task; the search goes on for the largest side force"
-        )
+        tools.observer.note("no design holds the defaults of a flying task; the search goes on without them")
         yield folder.fallback
 
 
