@@ -25,7 +25,7 @@ import numpy as np
 from nlp.assembled.problem import AssembledProblem, RequiredLoads
 from nlp.evaluation import correct_point
 from nlp.features import pseudo_inverse_constraints
-from nlp.ipopt import IpoptResult
+from nlp.ipopt import result_of
 from nlp.lazy_solve import LAZY, most_violated, with_all_corners, with_some_corners
 from nlp.numbers.point import Point
 from nlp.program import MOVE_LIMITS, ROUND_OPTIONS, AssembledProgram, run_ipopt
@@ -49,8 +49,8 @@ class RaisedProblem:
 
     def __init__(self, program: AssembledProblem, once: ResolvedTask, twice: ResolvedTask) -> None:
         """Take the program, and its task at one and at two units of the quantity."""
-        self._program, self._once, self._twice = program, RequiredLoads.of(once), RequiredLoads.of(twice)
-        self._slope = RequiredLoads(*(b - a for a, b in zip(self._once, self._twice, strict=True)))
+        self._program, self._once = program, RequiredLoads.of(once)
+        self._slope = RequiredLoads(*(b - a for a, b in zip(self._once, RequiredLoads.of(twice), strict=True)))
         self.size, self.rows, balances = program.size + 1, program.rows, 6 * program.K
         self.lower, self.upper = program.lower, program.upper
         by_sigma = ca.vertcat(ca.Sparsity.dense(balances, 1), ca.Sparsity(self.rows - balances, 1))
@@ -104,9 +104,7 @@ def climb(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstrain
         constraints: the user's constraints beyond the task.
     """
     user_constraints = (*constraints, *pseudo_inverse_constraints(task))
-    arrays = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
-    point = Point(design.task, design.topology, *map(np.array, arrays))
-    raised = _raise(task.with_rod(design.task.end_effector.counted_rod), point, user_constraints)
+    raised = _raise(task.with_rod(design.task.end_effector.counted_rod), Point.of(design), user_constraints)
     return design if raised is None else design_of(raised, SolverRecord.model_validate(design.solver), constraints)
 
 
@@ -130,17 +128,16 @@ def _raise(task: ResolvedTask, point: Point, constraints: UserConstraints) -> St
             np.append(lower, 0.0),
             np.append(upper, np.inf),
         )
-        x = np.asarray(solution["x"], dtype=float).ravel()
-        if not np.all(np.isfinite(x)):
+        sigma = float(solution["x"][-1])
+        if not math.isfinite(sigma):
             return None
-        sigma = float(x[-1])
         at_sigma = to_corners(task_at(task, sigma * (1 - SLACK) * unit))
         some_task = with_some_corners(replace(start, task=at_sigma), labels).task
-        reached = correct_point(Point.unpack(some_task, point.topology, x[:-1]), constraints)
-        whole = with_all_corners(reached, at_sigma, constraints)
-        stats = solver.stats()
-        result = IpoptResult(whole, str(stats["return_status"]), max(0, int(stats["iter_count"])))
-        raised = StartResult.from_point(0, whole, result, constraints=constraints)
+        result = result_of(solver, {"x": solution["x"][:-1]}, some_task, point.topology)
+        if not result.finite:
+            return None
+        whole = with_all_corners(correct_point(result.point, constraints), at_sigma, constraints)
+        raised = StartResult.from_point(0, whole, replace(result, point=whole), constraints=constraints)
         if raised.worst.met:
             return raised
         if not (corners := most_violated(whole, some_task)):

@@ -251,30 +251,24 @@ def run_ipopt(
         lower: lower bounds on the unknowns.
         upper: upper bounds.
     """
-    solver, functions = _ipopt(program, options)
-    bounds = {"lbx": lower, "ubx": upper, "lbg": program.lower, "ubg": program.upper}
-    solution = solver(x0=ca.DM(start), **{name: ca.DM(values) for name, values in bounds.items()})
-    for function in functions:
-        if function.error is not None:
-            raise function.error
-    return solver, solution
-
-
-def _ipopt(assembled: Any, options: IpoptOptions) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
-    """Return Ipopt and the functions of an assembled problem that it calls, with CasADi's names."""
-    x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
+    x, rows, scalar = ca.Sparsity.dense(program.size), ca.Sparsity.dense(program.rows), ca.Sparsity.dense(1)
     inputs = {"x": x, "p": ca.Sparsity.dense(0)}
-    f: tuple[Function, ...] = (lambda x, _: assembled.objective(x), lambda x, _: assembled.gradient(x))
-    g: tuple[Function, ...] = (lambda x, _: assembled.constraints(x), lambda x, _: assembled.jacobian(x))
+    f: tuple[Function, ...] = (lambda x, _: program.objective(x), lambda x, _: program.gradient(x))
+    g: tuple[Function, ...] = (lambda x, _: program.constraints(x), lambda x, _: program.jacobian(x))
     nlp = PythonFunction("nlp", inputs, {"f": scalar, "g": rows}, (f[0], g[0]))
     grad_f = PythonFunction("nlp_grad_f", inputs, {"f": scalar, "grad_f_x": x}, f)
-    jac_g = PythonFunction("nlp_jac_g", inputs, {"g": rows, "jac_g_x": assembled.jacobian_pattern}, g)
+    jac_g = PythonFunction("nlp_jac_g", inputs, {"g": rows, "jac_g_x": program.jacobian_pattern}, g)
     hess_lag = PythonFunction(
         "nlp_hess_l",
         {**inputs, "lam_f": scalar, "lam_g": rows},
-        {"triu_hess_gamma_x_x": assembled.hessian_pattern},
-        [lambda x, _, lam_f, lam_g: assembled.hessian(x, lam_f[0], lam_g)],
+        {"triu_hess_gamma_x_x": program.hessian_pattern},
+        [lambda x, _, lam_f, lam_g: program.hessian(x, lam_f[0], lam_g)],
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
     solver = ipopt("assembled", nlp, {**OPTIONS, **options, **ROUND_OPTIONS.mumps, **derivatives})
-    return solver, (nlp, grad_f, jac_g, hess_lag)
+    bounds = {"lbx": lower, "ubx": upper, "lbg": program.lower, "ubg": program.upper}
+    solution = solver(x0=ca.DM(start), **{name: ca.DM(values) for name, values in bounds.items()})
+    for function in (nlp, grad_f, jac_g, hess_lag):
+        if function.error is not None:
+            raise function.error
+    return solver, solution

@@ -6,8 +6,6 @@ which may be another optimum. For the same reason Ipopt also solves the nearest 
 
 from __future__ import annotations
 
-import numpy as np
-
 from nlp.lazy_solve import judge
 from nlp.numbers.point import Point
 from nlp.solving import Solve
@@ -27,10 +25,8 @@ def solve_near(design: Design, task: ResolvedTask) -> Design | Infeasible | None
     from nlp.hinge_sets import near_optima, solve_nearest  # compiled code, which other commands need not load
 
     request = Solve(task, design.topology, range(1), 0, (), ())
-    arrays = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
-    point = Point(design.task, design.topology, *map(np.array, arrays))
     any_angle = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    unmoved = judge(any_angle, 0, point, "given", request.constraints)
+    unmoved = judge(any_angle, 0, Point.of(design), "given", request.constraints)
     on_set, topology, constraints = to_corners(task), design.topology, request.constraints
     results, _ = near_optima(on_set, topology, [unmoved], constraints)
     results = request.count_rods(results + solve_nearest(on_set, topology, unmoved, constraints))

@@ -228,10 +228,8 @@ def move_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] 
     """Return a design solved again with its rod at another connector, or the design itself if that fails."""
     from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
 
-    arrays = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
-    point = Point(design.task, design.topology, *map(np.array, arrays))
     user_constraints = (*constraints, *pseudo_inverse_constraints(design.task))
-    unmoved = judge(to_corners(design.task), 0, point, "moved", user_constraints)
+    unmoved = judge(to_corners(design.task), 0, Point.of(design), "moved", user_constraints)
     moved = count_rod(unmoved, user_constraints, (mount.module, mount.port))
     record = SolverRecord.model_validate(design.solver)
     return design_of(moved, record, constraints) if moved.worst.met else design
@@ -250,8 +248,7 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
 
 def design_of(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
     """Return a result as a design, with the user's constraints that it meets."""
-    point, J = best.point, best.objective
-    K = len(point.task.declared.load_cases)
+    point, J, K = best.point, best.objective, len(best.point.task.declared.load_cases)
     bound = None if point.task.search.maximize else bound_of(point.task, J)
     inputs = point.u[:K].reshape(K, -1)  # without those of corners
     return Design(

@@ -74,7 +74,7 @@ def held(task, platform, towards=()):
 
 
 def _solved(task, platform, b, d=None):
-    """Whether inputs produce b, or the largest s for which they produce b + s d."""
+    """Return whether inputs produce b, or the largest s for which they produce b + s d."""
     A, low, high = wrench_map(platform, task.module), task.min_input, task.max_input
     scale = np.array([1.0, 1.0, 1.0, *[1 / task.module.arm_length] * 3]) / task.force_unit(task.n)
     columns, bounds, cost = A * high, [(low / high, 1.0)] * A.shape[1], np.zeros(A.shape[1])

@@ -247,7 +247,9 @@ def test_modules_too_small_for_any_bolt_are_refused_in_words() -> None:
 
 
 def test_loads_of_brackets_are_those_of_the_audit() -> None:
-    joints = verify.audit(DESIGN).flight.joints  # type: ignore[union-attr]
+    flight = verify.audit(DESIGN).flight
+    assert flight is not None
+    joints = flight.joints
     for child, one in enumerate(strengths(DESIGN), start=1):
         loads = [load for load in joints if load.child == child and load.case != "hover"]
         assert one.moment_Nm == pytest.approx(max(load.moment_Nm for load in loads), rel=1e-3)

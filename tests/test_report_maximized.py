@@ -1,4 +1,4 @@
-"""What is said and drawn of a run that maximises a quantity: the value, its bound, and the polytope around it."""
+"""Words and charts of a run that maximises a quantity: the value, its bound, and the polytope around it."""
 
 import json
 from dataclasses import replace

@@ -11,7 +11,7 @@ import numpy as np
 from nlp.numbers.geometry import Swept, envelopes, poses, root_rotation
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.end_effector import CountedRod
@@ -31,6 +31,12 @@ class Point:
     """p'_E, shape (3,) [m]."""
     u: Array
     """Squared rotor speeds, shape (K, n, r) [rad^2/s^2]."""
+
+    @classmethod
+    def of(cls, design: Design) -> Point:
+        """Return the point of a design."""
+        arrays = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
+        return cls(design.task, design.topology, *map(np.array, arrays))
 
     @cached_property
     def poses(self) -> tuple[Array, Array]:

@@ -162,14 +162,12 @@ def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
     for path, answer in runs:
         sizes = ", ".join(str(size.modules) for size in answer.sizes)
         solved = f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}"
-        best = answer.best
-        cells = (
-            ("none", "", "", "") if best is None else (best.key, f"{best.objective:.3g}", *_summary_cells(best)[2:])
-        )
-        cell = ""
-        if answer.best is not None and isinstance(answer.objective, LargestValue):
-            cell = answer.objective.value_words(answer.best)
-        rows.append((str(path), sizes, solved, cells[0], cell, *cells[1:]))
+        best, objective = answer.best, answer.objective
+        cells = ["none", "", "", "", ""]
+        if best is not None:
+            value = objective.value_words(best) if isinstance(objective, LargestValue) else ""
+            cells = [best.key, value, f"{best.objective:.3g}", *_summary_cells(best)[2:]]
+        rows.append((str(path), sizes, solved, *cells))
     columns = "run", "modules", "candidates solved", "best", "largest", "J [rad^4/s^4]", "gap", "audit"
     kept = [k for k, name in enumerate(columns) if name != "largest" or any(row[k] for row in rows)]
     return _table([columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
@@ -194,8 +192,6 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
 
 def _merit(objective: Objective, design: Row | Design) -> str:
     gap = "" if design.gap is None else f", gap to the {objective.bound} {gap_percent(design.gap)}"
-    if isinstance(design, Design) and design.value is not None:  # its file has a bound of effort only
-        gap = ""
     return f"{objective.words(design)}{gap}"
 
 

@@ -13,7 +13,7 @@ import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Clearance, Design, Fault, Geometry, Status, Task
+from topo_search.model import Audit, BadInput, Clearance, Design, Fault, Geometry, ResolvedTask, Status, Task
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import load_json, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
@@ -117,7 +117,7 @@ def read_design(path: str | Path) -> Design:
         ('a10', True)
     """
     design = read_completed(path)
-    return design if design.value is not None else with_bound(design, nlp.lower_bound(design.task))
+    return with_bound(design, nlp.lower_bound)
 
 
 def read_completed(path: str | Path) -> Design:
@@ -125,10 +125,16 @@ def read_completed(path: str | Path) -> Design:
     return verify.complete(to_geometry(load_json(path, most_bytes=LIMITS.design_bytes), str(path)))
 
 
-def with_bound(design: Design, bound: float) -> Design:
-    """Return a design with a computed lower bound and its gap: those in a file are not proven."""
-    gap = Design.gap_of(design.objective, min(bound, design.objective))
-    return design.model_copy(update={"lower_bound": bound, "gap": gap})
+def with_bound(design: Design, bound: Callable[[ResolvedTask], float]) -> Design:
+    """Return a design with a computed lower bound of effort and its gap: those in a file are not proven.
+
+    A design of a maximised value has neither.
+    """
+    if design.value is not None:
+        return design.model_copy(update={"lower_bound": None, "gap": None})
+    least = bound(design.task)
+    gap = Design.gap_of(design.objective, min(least, design.objective))
+    return design.model_copy(update={"lower_bound": least, "gap": gap})
 
 
 def compare_audits(before: Audit, after: Audit) -> str:
@@ -281,7 +287,7 @@ def write_report(
 
 
 def _judge(design: Design) -> tuple[Design, Audit]:
-    return with_bound(design, nlp.proven_bound(design.task)), audit(design)
+    return with_bound(design, nlp.proven_bound), audit(design)
 
 
 def write_page(folder: RunFolder) -> None:
@@ -352,14 +358,7 @@ def _designs(source: Path) -> list[Compared]:
 
     if not source.is_dir():
         design, judged = _judge(read_completed(source))
-        return [
-            Compared(
-                source.stem,
-                design,
-                judged,
-                design.gap if judged.verdict == "clear" and design.value is None else None,
-            )
-        ]
+        return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
     with RunFolder.load(source) as folder:
         answer = answer_of(folder).at_level
         if answer.shown is None:

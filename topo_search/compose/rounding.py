@@ -14,7 +14,7 @@ from topo_search.compose.binding import solve_near
 from topo_search.compose.designs import audit, compare_audits
 from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.search import MIN_STEP_DEG
-from topo_search.study.request import Margins, margins, with_margin
+from topo_search.study.request import Margins
 
 STEPS = (30.0, 15.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, MIN_STEP_DEG)
 """Steps that are tried where a larger one leads to no clear design [deg]."""
@@ -90,10 +90,10 @@ def move_hinges(design: Design, **hinge_set: float | tuple[float, ...]) -> tuple
         hinge_set: fields of `[search]` that state the set.
 
     Raises:
-        NotClear: there is none, with the margin of the task nor larger ones.
+        NotClear: no design is clear, at the margin of the task or a larger one.
         RuntimeError: an audit failed; the message gives the reason.
     """
-    ladder = Margins([with_margin(design.task, margin) for margin in margins(design.task)])
+    ladder = Margins.of(design.task)
     while True:
         search = ladder.task.search.any_angle.model_copy(update=hinge_set)
         outcome = solve_near(design, ladder.task.model_copy(update={"search": search}))

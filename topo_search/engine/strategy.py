@@ -61,7 +61,7 @@ class Tried:
 
     @property
     def merit(self) -> float | None:
-        """What samplers minimise: the effort, or minus the maximised value; None without a design."""
+        """Number that samplers minimise: the effort, or minus the maximised value; None without a design."""
         return self.objective if self.value is None else -self.value
 
 

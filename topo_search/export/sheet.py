@@ -113,9 +113,14 @@ def strut_section(design: Design, part: PrintedPart) -> str:
     return "\n".join(["<section>", *svg, f"</svg>{paragraph(text)}</section>"])
 
 
-def _steps(design: Design) -> Iterator[str]:
+def _joints(design: Design) -> Iterator[tuple[int, tuple[int, int, int, int], float, float]]:
+    """Yield the step of each joint, its modules and ports, its hinge angle [rad] and its bracket's turn [deg]."""
     edges = zip(design.topology.edges(), design.hinge_angles_rad, brackets.bracket_turns(design), strict=True)
-    for step, ((h, i, a, b), alpha, phi) in enumerate(edges, start=1):
+    yield from ((step, *joint) for step, joint in enumerate(edges, start=1))
+
+
+def _steps(design: Design) -> Iterator[str]:
+    for step, (h, i, a, b), alpha, phi in _joints(design):
         text = (
             f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a} ({PORT_NAMES[a]}) of module "
             f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {brackets.bracket_file(abs(phi))}, mark holes "
@@ -135,8 +140,7 @@ def _angles(design: Design) -> Iterator[str]:
         "lower sides where it slopes down: 180 degrees less the angle of the bracket."
     )
     rows = []
-    edges = zip(design.topology.edges(), design.hinge_angles_rad, brackets.bracket_turns(design), strict=True)
-    for step, ((h, i, a, b), alpha, phi) in enumerate(edges, start=1):
+    for step, (h, i, a, b), alpha, phi in _joints(design):
         sides = "either" if phi == 0 else "lower" if phi > 0 else "upper"
         joined = f"port {a} of module {h} to port {b} of module {i}"
         angle = f"{math.degrees(alpha) + 0.0:+.{DIGITS}f}"

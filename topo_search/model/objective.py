@@ -19,18 +19,18 @@ ROUNDING = 3.0e-6
 
 @dataclass(frozen=True)
 class Objective:
-    """What makes one design better than another: a lower J. A maximised quantity has its own (`largest_value`)."""
+    """Order of designs by J, the lower the better; `largest_value` has the one by a maximised quantity."""
 
     least: str = "least control effort"
     """The best of it, in words."""
     column: str = "J [rad^4/s^4]"
     """Name and unit of the number, as the title of a column."""
     bound: str = "lower bound"
-    """What is proven of all designs, in words."""
+    """Kind of bound that is proven for all designs."""
     number_words: str = "J"
     """The number, in words."""
     better: Literal["less", "more"] = "less"
-    """Which numbers are better."""
+    """Better numbers."""
 
     def number(self, of: Rated) -> float | None:
         """Return J [rad^4/s^4]."""

@@ -43,8 +43,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         simulated: its simulated flights, as `read_simulated` returns them.
     """
     task = design.task
-    # only the effort of a clear design counts, unless a value is maximised, which only a run bounds
-    gap = design.gap if audit.verdict == Status.CLEAR and design.value is None else None
+    gap = design.gap if audit.verdict == Status.CLEAR else None  # only the effort of a clear design counts
     return {
         "title": f"{task.name}: {modules(task.n)}",
         "key": design.topology.key,

@@ -238,7 +238,7 @@ def ranking(candidates: Sequence[Candidate], objective: Objective, *, proofs: bo
 
     Args:
         candidates: all candidates with their proofs and audits, in the order of the ranking.
-        objective: what makes a design the best.
+        objective: objective of the search.
         proofs: whether the table has the columns of branch and bound.
     """
     columns, merit = COLUMNS if proofs else COLUMNS[:-3], "J [rad⁴/s⁴]"

@@ -17,8 +17,7 @@ from topo_search.export import palette
 from topo_search.model import Audit, Design, LoadCase
 from topo_search.model.arrays import Array
 from topo_search.model.largest_value import ability
-from topo_search.model.maximized import RESERVES
-from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
+from topo_search.model.maximized import RESERVES, balls_of
 from topo_search.report import Figure
 from topo_search.report.charts import axes, line, markers
 from topo_search.report.wording import rounded_down
@@ -67,33 +66,22 @@ def _sections(design: Design, audit: Audit) -> Iterator[Slice]:
         return
     is_force = task.search.maximize == "force_reserve"
     is_disc = is_force and task.flight.directions == "horizontal"
-    name, unit = "force" if is_force else "torque", "N" if is_force else "N m"
-    name = "horizontal" if is_disc else name
-    balls = [
-        (
-            getattr(flight.cases[number], f"{name}_reserve{point}_{unit.replace(' ', '')}") or 0.0,
-            number,
-            label,
-            case,
-            point,
-        )
-        for number, label, case in weight_cases(task, task.flight.around)
-        for point in (POINT_SUFFIXES[task.flight.at] if is_force else ("",))
-    ]
-    radius, number, label, case, point = min(balls, key=lambda ball: ball[0])
-    at_tip = is_force and not point
-    facets = _facets(design, case, is_force=is_force, at_tip=at_tip)
+    name, unit = ("force", "N") if is_force else ("torque", "N m")
+    radii = ((getattr(flight.cases[ball.number], ball.size) or 0.0, ball) for ball in balls_of(task))
+    radius, ball = min(radii, key=lambda pair: pair[0])
+    at_tip = is_force and not ball.point
+    facets = _facets(design, ball.case, is_force=is_force, at_tip=at_tip)
     if facets is None:
         return
     where = f" at the {'end-effector' if at_tip else 'centre of mass'}" * is_force
     size = f"{design.topology.key}: {rounded_down(radius, digits=4)} {unit}"
-    weakest = getattr(flight.cases[number], f"{name}_weakest{point}")
+    weakest = getattr(flight.cases[ball.number], ball.weakest)
     for plane, pair in PLANES.items():
         outline = None if is_disc and plane != "xy" else _outline(facets[:, [*pair, 3]])
         if outline is not None:
             what = "horizontal forces" if is_disc else f"{name}s along {plane[0]} and {plane[1]}"
             towards = np.array(weakest)[:2] if is_disc and weakest is not None else None
-            yield Slice(f"{size} ({what}{where}, {label})", plane, outline, radius, towards, unit)
+            yield Slice(f"{size} ({what}{where}, {ball.label})", plane, outline, radius, towards, unit)
 
 
 def _facets(design: Design, case: LoadCase, *, is_force: bool, at_tip: bool) -> Array | None:

@@ -71,7 +71,7 @@ class SizeAnswer:
     statement: str | None
     """How good the best design is: the number of candidates, and the proven gap."""
     objective: Objective = LEAST_EFFORT
-    """What makes a design the best."""
+    """Objective of the search."""
     value_bound: float | None = None
     """Largest value of a maximised quantity that any platform of this size can have."""
     relaxed: Relaxed | None = None
@@ -177,7 +177,7 @@ class Answer:
 
     @property
     def objective(self) -> Objective:
-        """What makes a design the best."""
+        """Objective of the search."""
         return next((size.objective for size in self._all_sizes), LEAST_EFFORT)
 
     @property
@@ -192,10 +192,7 @@ class Answer:
 
     @property
     def smallest(self) -> str:
-        """Whether smaller sizes have a design, in words; empty unless there is a range of sizes without goals.
-
-        The most capable of all sizes is in the range's answer whatever its size, and so empty as well.
-        """
+        """Statement on smaller sizes; empty for a single size, with goals, and if a quantity is maximised."""
         if self.best is None or self.levels or len(self.sizes) == 1 or self.best.value is not None:
             return ""
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
@@ -206,7 +203,7 @@ class Answer:
 
     @property
     def ability(self) -> str | None:
-        """What the best design does with its value of the maximised quantity; None if effort is minimised."""
+        """Capability of the best design, by its value of the maximised quantity; None if effort is minimised."""
         return None if self.design is None else self.objective.ability(self.design.task)
 
     @property

@@ -409,7 +409,7 @@ class Checked:
     """Faults other than those of single trees."""
 
     objective: Objective = LEAST_EFFORT
-    """What the bounds are about."""
+    """Objective that the bounds concern."""
     missing: int = 0
     """Number of candidates that the run has not solved yet; 0 if only one tree is checked."""
 

@@ -272,9 +272,7 @@ def _loads(task: Task, n: int) -> Iterator[Relaxable]:
 
     def lighten(task: Task, share: float) -> Task:
         # the wrench at the centre of mass carries the weight and stays
-        lighter = tuple(
-            case.scale(1 - share, 1 - share).model_copy(update={"com": case.com}) for case in task.cases
-        )
+        lighter = tuple(case.scale_tool(1 - share) for case in task.cases)
         return task.model_copy(update={"load_cases": lighter, "task_seed": None})
 
     if lighten(task, 0.5).load_cases == task.cases:

@@ -28,7 +28,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.progress import solving_phase
 from topo_search.study.relaxable_limits import RELAXING, Relaxable, relaxable
-from topo_search.study.request import LARGER_MARGINS, Margins, margins, with_margin
+from topo_search.study.request import LARGER_MARGINS, Margins
 from topo_search.study.solving import Tools
 
 
@@ -204,7 +204,7 @@ def _measure_miss(backends: Backends, numbered_job: tuple[int, int, Job]) -> flo
     The audit may need larger margins; a design that fails it with all of them misses 0.
     """
     job = numbered_job[2]
-    ladder = Margins([with_margin(job.task, margin) for margin in margins(job.task)])
+    ladder = Margins.of(job.task)
     while True:
         design = backends.solve(replace(job, task=ladder.task))
         if isinstance(design, Infeasible):

@@ -22,7 +22,7 @@ from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Top
 from topo_search.model.html import paragraph
 from topo_search.study.progress import SilentObserver
 from topo_search.study.relaxing import relax
-from topo_search.study.request import Margins, margins, with_margin
+from topo_search.study.request import Margins
 from topo_search.study.solving import Tools
 
 
@@ -106,7 +106,7 @@ def solve_single(
     until = math.inf if time_limit is None else time.monotonic() + time_limit
     tools = Tools(backends, engine, SilentObserver(), until)
     task = base_task.resolve(topology.n)
-    ladder = Margins([with_margin(task, margin) for margin in margins(task)])
+    ladder = Margins.of(task)
     notes: list[str] = []
 
     def explain(outcome: Infeasible) -> Infeasible:

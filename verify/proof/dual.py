@@ -20,7 +20,7 @@ module depends only on the root and on the hinges of its path, so for each of th
 of a single psi, the minimum over the hinges is computed from the leaves of the tree inwards.
 
 **No design at all.** If no load case counts (all lambda_k = 0), the left-hand side of a design is zero: a positive
-bound shows that there is none in the box. Any multiple of its multipliers does so, too.
+bound shows that there is none in the box. So does any multiple of its multipliers.
 
 **Rounding.** Vertices have a length of at most 1.44, and a frame is a product of at most n + 2 matrices whose
 entries have errors of 4 eps (eps = 2^-53), each product one of 3 eps of the sums of magnitudes. So entries of R

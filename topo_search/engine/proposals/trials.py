@@ -150,7 +150,7 @@ class Merit(NamedTuple):
 
 
 def value(score: Tried) -> float:
-    """Return what a sampler minimises; infinite without a design."""
+    """Return the number that a sampler minimises; infinite without a design."""
     return math.inf if score.merit is None else score.merit
 
 
