@@ -105,10 +105,7 @@ def _closest_points(
 
 
 def _clearance(
-    check: AnyCheck,
-    certificate: Certificate,
-    closest: tuple[Vector, Vector] | None,
-    module: Module,
+    check: AnyCheck, certificate: Certificate, closest: tuple[Vector, Vector] | None, module: Module
 ) -> Clearance:
     l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))

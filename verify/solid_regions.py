@@ -84,9 +84,7 @@ def _distance(x: Array, region: RoundBody | AllowedCone | HullBody) -> float:
     return -depth if depth > 0 else approach(ball(x, 0.0), region).d
 
 
-def solid_regions(
-    scene: Scene,
-) -> Iterator[tuple[int, int | None, int | None, RoundBody | AllowedCone | HullBody]]:
+def solid_regions(scene: Scene) -> Iterator[tuple[int, int | None, int | None, RoundBody | AllowedCone | HullBody]]:
     """Yield solid regions: number of the requirement, load case of a contact, path or plane, and volume."""
     for number, exposure in enumerate(scene.design.task.exposure):
         if exposure.solid:

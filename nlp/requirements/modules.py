@@ -105,14 +105,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     if task.parts_off_airflow:
         parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
         near = NEAR_PARTS if airflow else NEAR_ENVELOPE
-        yield Requirement(
-            6,
-            lambda i, j, _: names.rotor_airflow(i, j),
-            _pairs(pairs),
-            parts,
-            margin,
-            near=near,
-        )
+        yield Requirement(6, lambda i, j, _: names.rotor_airflow(i, j), _pairs(pairs), parts, margin, near=near)
 
 
 def _centre_margin(task: ResolvedTask, hinges: int) -> float:

@@ -60,12 +60,7 @@ if TYPE_CHECKING:
     "--only", multiple=True, metavar="NAME", help="Fly only scenarios whose name starts with NAME (repeatable)."
 )
 @options.as_json
-def fly(
-    design: str,
-    out: Path | None,
-    video: Path | None,
-    **option_values: Any,
-) -> None:
+def fly(design: str, out: Path | None, video: Path | None, **option_values: Any) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
     Scenarios: hover; recovery from an offset of 10 cm and 10 degrees to four sides; a constant tilt about four

@@ -166,11 +166,7 @@ def _thrust_to_weight(at: str, largest: float) -> float:
 @click.option("--out", type=options.PATH, required=True, metavar="DIR", help="A new or empty folder.")
 @options.as_json
 def kit(
-    tasks: tuple[str, ...],
-    modules: str | None,
-    settings: tuple[str, ...],
-    out: Path,
-    **option_values: Any,
+    tasks: tuple[str, ...], modules: str | None, settings: tuple[str, ...], out: Path, **option_values: Any
 ) -> None:
     """Choose one design per task so that a few brackets build them all.
 

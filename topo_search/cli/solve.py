@@ -140,12 +140,7 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
 @options.workers
 @options.dask
 @options.as_json
-def prove(
-    folder: Path,
-    topology: str | None,
-    checks: bool,
-    **option_values: Any,
-) -> None:
+def prove(folder: Path, topology: str | None, checks: bool, **option_values: Any) -> None:
     """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
 
     Branch and bound over root orientation and hinge angles, with all load cases and torques. Proofs are written to

@@ -56,13 +56,7 @@ def examples() -> None:
 @options.paper
 @options.picture("Draw forces and exposure regions as a .png or .svg")
 @options.as_json
-def check(
-    task: str,
-    modules: str | None,
-    settings: tuple[str, ...],
-    paper: bool,
-    picture: Path | None,
-) -> None:
+def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool, picture: Path | None) -> None:
     """Explain a task in words, and warn about suspicious values.
 
     TASK is a file, or the name of a shipped example.
@@ -178,13 +172,7 @@ def _size(task: ts.Task, n: int) -> dict[str, Any]:
 @options.root
 @options.as_json
 def topologies(
-    n: int,
-    only_count: bool,
-    size: int | None,
-    seed: int,
-    symmetry: Any,
-    connectors: Any,
-    root: Any,
+    n: int, only_count: bool, size: int | None, seed: int, symmetry: Any, connectors: Any, root: Any
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
     from topo_search.topologies import Family

@@ -64,11 +64,7 @@ Doubts = Iterator[tuple[str, str]]
 
 def doubts(task: Task) -> Doubts:
     """Yield the fields of a task whose unit may be wrong, with the reason."""
-    for step in (
-        _module_size(task.module),
-        _arm_lengths(task),
-        chain(_mass(task), _thrust_coefficient(task)),
-    ):
+    for step in (_module_size(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
         suspicious = tuple(step)
         yield from suspicious
         if suspicious:
@@ -284,12 +280,7 @@ def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of the task file."""
     n = task.sizes[-1]
     parts = chain(
-        _gravity(task),
-        doubts(task),
-        _module(task.module),
-        _bracket(task.module),
-        _rod(task, n),
-        _lengths(task, n),
+        _gravity(task), doubts(task), _module(task.module), _bracket(task.module), _rod(task, n), _lengths(task, n)
     )
     requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _tool_side(task), _search(task))
     return tuple(starmap(TaskWarning, chain(parts, requirements)))

@@ -64,11 +64,7 @@ class Options:
 
 
 def fly(
-    design: Design,
-    scenario: Scenario,
-    options: Options,
-    watch: Watch | None = None,
-    known: Nominal | None = None,
+    design: Design, scenario: Scenario, options: Options, watch: Watch | None = None, known: Nominal | None = None
 ) -> tuple[Track, str | None]:
     """Fly a scenario and return its track, and the reason if it ended early.
 

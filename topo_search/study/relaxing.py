@@ -106,13 +106,7 @@ def _pairs(searches: Sequence[_Bisection]) -> Iterator[_Bisection]:
 
 
 def relax(
-    task: Task,
-    topologies: Sequence[Topology],
-    tools: Tools,
-    *,
-    starts: int,
-    seed: int,
-    kept: Collection[str] = (),
+    task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: int, seed: int, kept: Collection[str] = ()
 ) -> Relaxed | None:
     """Return the limits that give trees without a design one when relaxed; None if the time was too short.
 
