@@ -1,7 +1,5 @@
 """Expressions as rows of a program, which CasADi differentiates."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 

@@ -8,8 +8,6 @@ Correction turns Ipopt's result into a point that a file can hold: angles wrappe
 no weight, Ipopt returns any inputs that produce it; correction finds the smallest ones (`nlp.reduced.inputs`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple

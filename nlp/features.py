@@ -3,8 +3,6 @@
 The core imports this list, and besides it only the features that its contract in pyproject.toml lets through.
 """
 
-from __future__ import annotations
-
 from nlp.air.lazy_rows import SpeedLimits
 from nlp.bounds.proofs import prove_impossible
 from nlp.joints import JointLoads

@@ -12,8 +12,6 @@ The compiled search solves a combination in milliseconds, and Ipopt makes the be
 compiled search does not express are solved by Ipopt only, with fewer combinations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

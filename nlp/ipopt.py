@@ -3,8 +3,6 @@
 Ipopt is called only if there is enough memory for its BLAS, which otherwise waits for memory forever.
 """
 
-from __future__ import annotations
-
 import mmap
 from dataclasses import dataclass
 from functools import cache

@@ -5,8 +5,6 @@ active. Whether a platform with given angles produces one is a small convex prob
 solve is cheap.
 """
 
-from __future__ import annotations
-
 from collections.abc import Set
 from dataclasses import replace
 from typing import NamedTuple

@@ -6,8 +6,6 @@ that reach the same minimum share its design. If no start leads to a design, a d
 start (`DEEP`) before a tree counts as infeasible.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ The audit, which shares no code with the solver, uses the same names for the cle
 compares them.
 """
 
-from __future__ import annotations
-
 from topo_search.model import AnyExposure
 from topo_search.model.exposure import PART_NAMES
 

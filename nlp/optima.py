@@ -1,7 +1,5 @@
 """All local optima of one topology that its starts reach, up to an effort."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from nlp.solving import Solve

@@ -6,8 +6,6 @@ again with less and less reach as long as that adds no effort. The first reach t
 shorter rod.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Solving one topology from many starts: a design, or the reason why there is none."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field

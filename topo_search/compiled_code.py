@@ -7,8 +7,6 @@ numba refuses to compile if neither NUMBA_CACHE_DIR, the installation nor the us
 container without a home directory. Then a temporary folder is used.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import stat

@@ -6,8 +6,6 @@ work is done.
 `--help` loads this file, so it imports nothing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

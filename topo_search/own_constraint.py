@@ -8,8 +8,6 @@ a run has a name and, for the run to be resumable, a version.
 | `OwnConstraint` | `solve`, `search`, `audit`: `constraints=` | a `ConstraintExpression` with name and bounds |
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

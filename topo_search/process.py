@@ -3,8 +3,6 @@
 This module imports only the standard library, so that a command can be stopped while it loads.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -7,8 +7,6 @@ not end. Nothing is lost: finished results are in the ledger, which survives a k
 It imports only the standard library, so that a command can be stopped while it loads.
 """
 
-from __future__ import annotations
-
 import atexit
 import os
 import signal

@@ -1,7 +1,5 @@
 """The assembly sheet: joints with their ports and angles, and the rod from its mount to the end-effector."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

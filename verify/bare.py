@@ -22,8 +22,6 @@ The endurance is an upper bound for any inputs within their limits that produce 
 them, a convex program, only a lower bound is used, and motors, controllers and wires draw more.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -20,8 +20,6 @@ polytopes around its parts, apart from one around K. `violated` if NumPy finds t
 polytopes inside both overlapping. So neither bisection nor FCL decides a verdict alone.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

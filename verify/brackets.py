@@ -13,8 +13,6 @@ bracket counts as the hull of its two flanges, including the space between its w
 not enter. A joint is identified by its child module.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 

@@ -33,8 +33,6 @@ the supporting half-space nearest to a part: polytopes around the parts must be 
 part must overlap it.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from typing import NamedTuple

@@ -14,8 +14,6 @@ frame. Frames that end at their connectors and reach at most INWARDS l_c above a
 this at all hinge angles: folded by 90 degrees, a frame reaches as far into the other as it is high above the axis.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations

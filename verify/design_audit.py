@@ -4,8 +4,6 @@ The verdict is the worst status among the residuals and the clearances that coun
 audit's own threshold is zero.
 """
 
-from __future__ import annotations
-
 import functools
 import itertools
 import platform as python_platform

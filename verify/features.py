@@ -1,7 +1,5 @@
 """Clearances and sections of the audit, of the core and of features, and steps that features do."""
 
-from __future__ import annotations
-
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.air.bound import air, speed_residuals
 from verify.assembly import assembly, rod_residuals

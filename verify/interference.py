@@ -4,8 +4,6 @@ Depths are in percent of the deepest possible overlap, 2 (r_air + dr_air), the s
 Envelopes that overlap, directly or through others, form a cluster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from topo_search.model import Clearance, Interference, Status

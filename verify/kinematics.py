@@ -26,8 +26,6 @@ Column (i, q) of A is k_f a_iq over k_f o_iq x a_iq - s_q k_tau a_iq, with s_q =
 counter-clockwise seen against its thrust, otherwise -1. Gravity is a load case like any other.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Excess of target regions over the meshes that they are made from."""
 
-from __future__ import annotations
-
 from topo_search.model import MeshExcess
 from verify.sections import Findings
 

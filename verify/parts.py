@@ -16,8 +16,6 @@ The fitting, the first two radii of the rod, may touch the module that carries i
 Lengths are in l_arm and positions relative to the mean of the module centres.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -6,8 +6,6 @@
 | rod | from its connector to the end-effector | (3,) | l_arm |
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -5,8 +5,6 @@ mean the same at every scale. A minimum distance d of two points, such as module
 requirement that balls of radius d / 2 around them keep apart.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property

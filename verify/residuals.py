@@ -7,8 +7,6 @@ about the COM and about the end-effector, because with a long lever arm a force 
 beyond it.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Parts of an audit: kinds of clearances, and sections, listed in `verify.features`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 

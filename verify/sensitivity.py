@@ -17,8 +17,6 @@ counted rod follows its length; other masses are nominal. Rotor inputs are left 
 them; reserves and air speeds are those of the design as drawn.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -12,8 +12,6 @@ the rod keeps out except for its last TIP r before p_E. If p_E is deeper inside,
 on a path, the rod has to reach into K and is not checked. Lengths are in l_arm.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from topo_search.model import Design, Mount, Status

@@ -45,8 +45,6 @@ The larger of jet and inflow is rounded to their 4-norm, which is no smaller. Gr
 derivatives those of C are central differences, accurate enough for Newton's method.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import NamedTuple

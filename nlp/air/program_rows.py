@@ -10,8 +10,6 @@ A row is the sum of the modules' speeds at its point. A module's speed is a func
 topologies; the chain rule gives its derivatives by the unknowns.
 """
 
-from __future__ import annotations
-
 import math
 
 import casadi as ca

@@ -1,7 +1,5 @@
 """Limits on air speed as arrays for the compiled search."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

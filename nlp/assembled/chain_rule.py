@@ -4,8 +4,6 @@ An unknown moves few of the vectors of a large platform, so loops over the moved
 products. The notation is that of `nlp.assembled.platform`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from nlp.assembled.platform import Indices, Mask

@@ -17,8 +17,6 @@ candidates have a negligible share in the log-sum-exp, and are not differentiate
                       + \beta \, \partial \psi \, \partial \psi^T
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

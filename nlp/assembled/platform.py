@@ -23,8 +23,6 @@ With j inward of or equal to k, the second derivative is the inner angle's deriv
 angle: \partial_j \partial_k a = X_j \partial_k a, and so on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cached_property
 

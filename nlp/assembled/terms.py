@@ -15,8 +15,6 @@ acceleration a, is a sum of functions: of o_i and the axes of each module with i
 mass (`nlp.symbols.platform`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any

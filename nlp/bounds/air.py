@@ -17,8 +17,6 @@ Centres are within (n - 1) l_c of their centroid, as in `nlp.bounds.reach`, or w
 that carries the rod.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -30,8 +30,6 @@ which exceeds h at the vertices themselves by the order of the triangle's area. 
 are split into four.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import NamedTuple

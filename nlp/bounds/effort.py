@@ -1,7 +1,5 @@
 """A lower bound on the control effort of every design of a task's size."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

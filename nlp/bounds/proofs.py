@@ -3,8 +3,6 @@
 Every rule drops the requirements that it does not name, so a task that it refutes is impossible with these as well.
 """
 
-from __future__ import annotations
-
 from nlp.bounds.air import refute_airspeed
 from nlp.bounds.effort import lightest_task
 from nlp.bounds.reach import refute_path, refute_reach, refute_rotors, refute_stand_off

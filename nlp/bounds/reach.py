@@ -34,8 +34,6 @@ excluded. The path is impossible if no box remains.
 | R, p, z | frame of a module (x towards the next one), centre, thrust axis | (m,3,3), (m,3) | -, m |
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from itertools import combinations, pairwise

@@ -5,8 +5,6 @@ every force [m_t g], in every torque about the COM and about the end-effector [l
 [u_max] and of hinge angles [rad], and in the position of a fixed end-effector [l_arm].
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -40,8 +40,6 @@ with the lever from one to the other, (M / m_t) q; c is (m_E / m_t) q from the C
 residual is at most e (1 + 2 m_E / M), wherever the end-effector is.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import NamedTuple

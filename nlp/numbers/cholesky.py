@@ -4,8 +4,6 @@ The size n is an argument, although H knows it: a caller's literal lets the comp
 which proofs of push with three modules take 7 % longer.
 """
 
-from __future__ import annotations
-
 import math
 
 from topo_search.compiled_code import njit

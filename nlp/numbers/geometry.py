@@ -27,8 +27,6 @@ Force and torque of a module's rotors (`topo_search.model.rotors`):
 m_i = sum_q (u_iq / r) (delta_q x a_q - s_q k_tau / (k_f l_arm) a_q), with r rotors and u_iq in u_hover.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

@@ -12,8 +12,6 @@ load no compiler (rounded angles, claims of invariance). `nlp.bounds.branch.fram
 poses for many angles at once: for all corners of a box, and for modules in a row.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

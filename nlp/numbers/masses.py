@@ -14,8 +14,6 @@ the COM is at p'_E = B + p_E (sum_i M_i + M_E) / sum_i M_i. Half the rod's mass 
 mass, but its inertia about the middle is m_R / 4 times that of a unit mass at d, the vector along the rod.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ minimum. The best distinct minima (`search`) are close to designs, which Ipopt m
 `tests/test_nlp_reduced.py` compares values and derivatives with the printed problem.
 """
 
-from __future__ import annotations
-
 from topo_search.model import ResolvedTask
 
 REDUCED_UP_TO = 20

@@ -9,8 +9,6 @@ Dimensionless as in `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_
 | f_k, t_k, f_E | force f_E + f_C, torque tau_E + tau_C, force at the end-effector | (K, 3) each |
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 

@@ -17,8 +17,6 @@ envelope or rod and such a region. The gradient of a row is a force on module i 
 force acts on module j or on the end-effector (`nlp.reduced.platform`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

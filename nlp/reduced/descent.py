@@ -29,8 +29,6 @@ The penalty's curvature, sigma J^T J, is explicit in the model: BFGS would have 
 becomes active or inactive.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

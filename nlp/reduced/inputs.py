@@ -19,8 +19,6 @@ Infeasible wrenches leave a residual and a finite phi. The concave dual is piece
 with an exact line search terminates after finitely many steps.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

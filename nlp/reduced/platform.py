@@ -23,8 +23,6 @@ everything outward of it as one rigid body, and the COM by dC_l. With s, the end
 If the task fixes the end-effector from the COM, it moves with the COM, and E does not contribute.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import NamedTuple
 

@@ -21,8 +21,6 @@ The inputs are those of minimum effort, u = clip(A^T mu), and mu changes with th
 | A, mu, rho' | see `nlp.reduced.inputs` | |
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -18,8 +18,6 @@ of the compiled search; a row of a new kind also needs its distance in `nlp.redu
 one of the `bodies` and one region. `tests/test_nlp_requirements.py` compares the forms.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 from nlp.requirements.balances import variable_bounds

@@ -9,8 +9,6 @@
 Reserves, cones and sets of wrenches are already load cases here (`topo_search.model.corners`).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -16,8 +16,6 @@ cos(theta). For theta up to 90 deg the second implies the first (d_con . P >= r 
 second is used. It is concave along the axis, so the two end balls are enough.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Clearances between modules: airflow, bodies, parts out of airflow; (4) to (6) of the printed problem."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -20,8 +20,6 @@ p'_E is within r of the region's surface, the rod's last `TIP` radii may touch t
 the rod must reach in, and the region does not limit it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ untangled (`nlp.starts.untangling`) until no envelopes overlap. If a cone must c
 turned so that its apex can be close; the end-effector is placed there, and the platform is yawed to minimum effort.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from dataclasses import replace

@@ -4,8 +4,6 @@ Same as `nlp.starts.random_starts` for small platforms, but compiled and without
 (task, topology, start index, seed) alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from pathlib import Path

@@ -19,8 +19,6 @@ and would miss a change in another file.
 | weight[i, j] | weight of the pair's deficit | (n, n) | |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -15,8 +15,6 @@ measure is
 | lift | net share of the thrust at equal inputs; 1 if all axes are parallel | |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -17,8 +17,6 @@ the largest is found by going through all 4 n^2 matches once.
     H_a(\alpha_i) = Q_h^T Q_i R_z(-\kappa \pi/2)
 """
 
-from __future__ import annotations
-
 from collections.abc import Set
 from itertools import product
 from typing import NamedTuple

@@ -31,8 +31,6 @@ The remaining case, an axis entirely inside Q, is excluded by another row: the m
 max_f n_f . o - b_f >= 0. It holds for every clear platform.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import casadi as ca

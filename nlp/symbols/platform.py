@@ -36,8 +36,6 @@ Centre of mass, end-effector and inertia, dimensionless, in the notation of `nlp
 | d | vector from the foot of a rod with mass to the end-effector | (3,) | l_arm |
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

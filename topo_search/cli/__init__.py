@@ -1,7 +1,5 @@
 """The command line. Command modules import what they need when they run, so that `--help` answers at once."""
 
-from __future__ import annotations
-
 import itertools
 
 import click

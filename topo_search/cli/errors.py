@@ -1,7 +1,5 @@
 """Error handling of commands: a message and an exit status instead of a traceback."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

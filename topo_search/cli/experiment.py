@@ -1,7 +1,5 @@
 """`topo-search experiment`: the paper's studies and further ones."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Tables and sentences that commands print."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path

@@ -3,8 +3,6 @@
 The user's code and designs are checked, and an airflow envelope given by an air speed becomes a cone-sphere.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle

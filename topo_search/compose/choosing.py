@@ -17,8 +17,6 @@ of every other task. A bracket turned upside down tilts the other way, so kinds 
 angle. Modules are identical, and symmetric under half a turn.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence

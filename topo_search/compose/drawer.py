@@ -1,7 +1,5 @@
 """One drawer of brackets for several tasks: a design for each task, and the joints to change between tasks."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Page of a drawer of brackets: its brackets, the design of each task, and every change."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 

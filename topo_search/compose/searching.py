@@ -1,7 +1,5 @@
 """Searches of all trees of a task, proofs that none is better, and checks of those proofs."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """One drawer of brackets for several tasks, as `kit.json` holds it: designs, brackets, and changes by joints."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from pydantic import ConfigDict, Field

@@ -4,8 +4,6 @@
 sampler or a `TopologySampler`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random

@@ -1,7 +1,5 @@
 """CPU time and memory of a process."""
 
-from __future__ import annotations
-
 import resource
 import sys
 import time

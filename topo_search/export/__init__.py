@@ -1,7 +1,5 @@
 """Pictures of designs, files of designs for other programs, and the colours of both."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Air speeds on a grid, for NumPy (.npz) and ParaView (.vti, image data of VTK), and surfaces of equal speed."""
 
-from __future__ import annotations
-
 import base64
 import io
 from typing import NamedTuple

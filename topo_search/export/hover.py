@@ -1,7 +1,5 @@
 """Forces and torques that can be added to hover, by linear programs over the thrusts."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Self-contained HTML pages to print."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from html import escape
 

@@ -32,8 +32,6 @@ The outside of a cone is the union of 48 such planes (`Cone.half_spaces`); that 
 to 1 / cos(pi / 48) - 1 = 0.2 % of its radius. Rod and tip do not collide with a region that contains p_E.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ A function is enough; no base class is needed. An `OwnFormat` is passed to `regi
 point of the group `topo_search.formats`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

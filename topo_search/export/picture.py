@@ -3,8 +3,6 @@
 It follows the paper's figures: 3-D matplotlib axes, in metres, along the axes of the task frame W.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 import math

@@ -12,8 +12,6 @@ Shapes of exposure requirements are in metres from the end-effector; a direction
 resolved.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ r"""Perspective pictures of a platform as it grows, as SVG: faces sorted by dept
 A point is shown D / (D - q) times as large as in the plane of the middle.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple

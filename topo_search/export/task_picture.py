@@ -8,8 +8,6 @@ Three views along the axes of the task frame W, in metres from the end-effector.
 design, towards or away from its centre of mass, are drawn as if the centre of mass were straight below.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import matplotlib as mpl

@@ -15,8 +15,6 @@ it is missing. A module's frame is drawn as hub and arms even if the module has 
 allows in other files.
 """
 
-from __future__ import annotations
-
 import math
 from xml.etree.ElementTree import Comment, Element, SubElement
 

@@ -5,8 +5,6 @@ bound for the sum of their velocities; the estimate is Reichardt's superposition
 squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal
 

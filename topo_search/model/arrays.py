@@ -1,7 +1,5 @@
 """Arrays inside values, float64 and read-only, and where a module has its connectors, in its own frame."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assembly sheet of a design: joints in bolting order, and the end-effector with its rod."""
 
-from __future__ import annotations
-
 from topo_search.model.end_effector import Mount
 from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector

@@ -1,7 +1,5 @@
 """Rigid parts of a module: shapes or a mesh, and where frames that are bolted together may touch."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 from pydantic import ConfigDict, ValidationInfo, model_validator

@@ -18,8 +18,6 @@ The deflection of the tip of such a cantilever is
 (Gere and Timoshenko, *Mechanics of Materials*, table of deflections of cantilever beams).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

@@ -3,8 +3,6 @@
 Points are in metres from the end-effector p_E, in the axes of the task frame.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterable, Iterator

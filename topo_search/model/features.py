@@ -3,8 +3,6 @@
 The core imports this list and, but for those that its contract in pyproject.toml lets through, no feature.
 """
 
-from __future__ import annotations
-
 from topo_search.model.air import AirSpeeds, FastAir
 from topo_search.model.assembly import Assembly
 from topo_search.model.flight import CasePower, Flight

@@ -1,7 +1,5 @@
 """Reading and writing of files: TOML for tasks, JSON for results. A round trip changes nothing."""
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

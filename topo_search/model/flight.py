@@ -4,8 +4,6 @@ All numbers are proven: a reserve is a lower bound, `..._at_most` an upper bound
 Rotors may use their full range of inputs; `search.peak_input` limits the load cases only.
 """
 
-from __future__ import annotations
-
 import math
 
 from topo_search.model.proven import lower_text, upper_text

@@ -4,8 +4,6 @@ The fold of a hinge is its angle with a sign that does not depend on the ports: 
 two modules lean towards each other and their airflows apart.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

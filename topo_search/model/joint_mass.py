@@ -3,8 +3,6 @@
 Printed parts are solid PLA, bolts and nuts steel.
 """
 
-from __future__ import annotations
-
 import math
 
 from topo_search.model.module import Module

@@ -4,8 +4,6 @@ Only vertices and facets are read, and no other file is opened. Free-form surfac
 not describe them.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from codecs import BOM_UTF8

@@ -1,7 +1,5 @@
 """Placement of a design at its target, which no clearance judges; `placement` of `audit.json`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 
 import numpy as np

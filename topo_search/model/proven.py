@@ -9,8 +9,6 @@ is printed with `at_least` or `at_most`.
 | gap | 1 - lower bound / J: largest share of J that another design can save | |
 """
 
-from __future__ import annotations
-
 import sys
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 

@@ -1,7 +1,5 @@
 """Limits of a task that make a topology feasible if relaxed, as in `relaxed.json`."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from topo_search.limits import quantity

@@ -60,8 +60,6 @@ with respect to phi is at most the largest distance of a part from the hinge axi
 relative to the envelope.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Build errors that a task names, and those that all clearances of a design tolerate."""
 
-from __future__ import annotations
-
 from topo_search.model.clearance import Pair, Status
 from topo_search.model.value import Angle, NonNegative, Number, Value
 

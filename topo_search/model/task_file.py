@@ -1,7 +1,5 @@
 """Task files as users write them: files and shipped examples, `FIELD=VALUE` settings, and the template."""
 
-from __future__ import annotations
-
 import os
 import re
 from contextlib import suppress

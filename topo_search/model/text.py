@@ -1,7 +1,5 @@
 """Untrusted text as data: files of limited size, TOML and JSON; and tables as CSV."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

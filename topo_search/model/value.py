@@ -3,8 +3,6 @@
 A file that breaks a rule is refused with one message per fault, which names the field, the rule and the value.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import functools

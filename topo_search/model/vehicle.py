@@ -11,8 +11,6 @@ A vehicle is a table of rotors:
 A rotor exerts the force k_f u a and the torque k_f u r x a - s k_tau u a.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re

@@ -1,7 +1,5 @@
 """Pages that need no run: one design with its simulated flights, designs side by side, and any vehicle."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from collections.abc import Iterator, Sequence

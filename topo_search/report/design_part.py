@@ -1,7 +1,5 @@
 """Tables and sentences of the page of a design: joints, rod, clearances, residuals, inputs, reserves, power."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import product

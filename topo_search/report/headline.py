@@ -3,8 +3,6 @@
 Also the candidates of a run: the ranking with a row for each, and the plot to choose a design by.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple

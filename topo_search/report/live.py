@@ -1,7 +1,5 @@
 """The live page of a run in progress, served only to browsers on this machine."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 import threading

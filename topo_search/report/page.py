@@ -1,7 +1,5 @@
 """The report as one HTML file: a template that escapes every text, with plotly.js and three.js embedded."""
 
-from __future__ import annotations
-
 import base64
 import functools
 import gzip

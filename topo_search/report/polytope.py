@@ -5,8 +5,6 @@ force unchanged a polytope of torques. A disc is drawn in the horizontal plane, 
 centre.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 

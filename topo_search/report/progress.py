@@ -1,7 +1,5 @@
 """Progress messages of a run: its plan, its stage, the best design so far and the remaining time."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

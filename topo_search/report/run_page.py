@@ -1,7 +1,5 @@
 """The page of a run, made from the run's folder."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, islice

@@ -1,7 +1,5 @@
 """The task as understood by the program: every number with its unit, every option in words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 

@@ -22,8 +22,6 @@ impossible.
 | F_z, m_t g | upward force of a load case; weight of the platform | N |
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

@@ -21,8 +21,6 @@ All vectors are in the axes of the task. Eliminating f gives (T - p_E x F) u = -
 only drawn; the figures beside it are proven by the audit.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 It starts with the capability of the rotors in hover, which often explains why a flight fails.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -24,8 +24,6 @@ unique:
 .. math:: \min_{s_{min} \le s \le 1} \| Q (B T_{max} s - w) \|^2 + \epsilon \|s\|^2
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import casadi as ca

@@ -6,8 +6,6 @@
 | tilt | angle between the platform's attitude and its reference, the task's axes unless a tilt is held | | deg |
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -10,8 +10,6 @@
 | tau | time constant of a rotor's thrust | | s |
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from xml.etree import ElementTree

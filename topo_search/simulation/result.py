@@ -1,7 +1,5 @@
 """Results of flights, the contents of `flight.json`."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from topo_search.model.design import Design

@@ -1,7 +1,5 @@
 """Flight scenarios: initial state, reference, disturbance, and the limits of success."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

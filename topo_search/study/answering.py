@@ -1,7 +1,5 @@
 """The answer of a run, read from its ledger."""
 
-from __future__ import annotations
-
 import math
 import os
 import sqlite3

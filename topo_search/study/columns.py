@@ -1,7 +1,5 @@
 """Columns of a run's tables: fields of rows, figures from audits and proofs, and their rounding in words."""
 
-from __future__ import annotations
-
 import re
 
 from topo_search.model import Audit

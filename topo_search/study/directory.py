@@ -5,8 +5,6 @@ a run is killed in between, the old content is still known. An empty file may be
 one if a write was not durable.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import os

@@ -5,8 +5,6 @@ topology's key. Each row is on disk before the next job's result is processed (W
 write the ledger makes sure that its file still exists. `candidates.csv` shows the same rows.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -4,8 +4,6 @@
 `optima.json` records the search tree by tree, so that a stopped run resumes where it was.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from math import isclose

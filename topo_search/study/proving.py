@@ -4,8 +4,6 @@ A finished chunk is written within a second and never searched again. The check 
 proves nothing and writes nothing.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

@@ -9,8 +9,6 @@ Pairs are tried if no limit suffices alone: of those that came closest, both by 
 own largest one.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ folder, the report last; if asked, prove by branch and bound that no tree is bet
 Everything derives from the ledger: a stopped run resumes where it was and computes nothing twice.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,7 +1,5 @@
 """Solving one topology: rounds of starts while they pay, then an audit, and larger margins if it is not clear."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Sequence

@@ -19,8 +19,6 @@ solver. A time limit ends solving; audits follow it.
 `tests/benchmarks/time_left.py` measures the error over recorded runs.
 """
 
-from __future__ import annotations
-
 import math
 
 from topo_search.study.progress import EXPECTED, Phase, Plan, duration

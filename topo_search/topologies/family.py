@@ -25,8 +25,6 @@ Forests of ternary trees are sampled by the cycle lemma (Dvoretzky and Motzkin 1
 word with m modules and 2m + s free slots, exactly s are the preorder text of a forest of s trees.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -37,8 +37,6 @@ frame, but moves the root to a module of the other spin: c2 and d2 then mean all
 mirrors.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, lru_cache
 from operator import itemgetter

@@ -18,8 +18,6 @@ position (p x z) are therefore carried along as a matrix B of their own: for a m
 | R, B, p | a module in the root's frame, for each combination of vertices of its hinges | (3, 3), (3, 3), (3,) |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -23,8 +23,6 @@ T and s decrease from stage to stage. Load cases that cost nothing are idle: `dr
 multipliers to zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The check of one chunk of a proof."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -16,8 +16,6 @@ gamma S^2 after m steps (eps = 2^-53, S the length of the stretched-out path wit
 the vertices' lengths): SQUARE_ROUNDING S^2 gamma^2 is over a thousand times what 12 modules need.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -32,8 +32,6 @@ BOUND_ROUNDING covers the first two factors. It is over 5 times what 12 modules 
 with n K beyond.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

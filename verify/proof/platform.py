@@ -32,8 +32,6 @@ The torque about the origin is that about the COM, or the COM with its error, an
 is at most sqrt(3) (1 + max |p'_E| + sqrt(3) com_error) e, without the roots if the task has no reserves.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Sequence

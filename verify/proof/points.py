@@ -8,8 +8,6 @@
 | g_a | derivative of D by angle a | (A,) |
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

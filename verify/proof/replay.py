@@ -4,8 +4,6 @@ A record names neither multipliers nor modules: both are found here. If they do 
 further here; the replay ends at a box that cannot be excluded this way either.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -27,8 +27,6 @@ with C, P and P_0 the greatest lengths of c, p'_E and p_0. It is convex in V, so
 greatest value; and as 0 <= s <= 1, the loss is at most this bracket with s = 1, or zero.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -15,8 +15,6 @@ Lengths are in l_arm, forces in m g, inputs in the hover input of a module, effo
 Load cases are followed by the corners of wrench sets, reserves and rotor failures, which have no weight.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

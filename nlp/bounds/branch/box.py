@@ -56,8 +56,6 @@ by itself a hundred thousand times as large. Limits of boxes are floats that adj
 gaps. The residual of the condition on mu and sigma costs its length times |p'_E|, which the audit bounds.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

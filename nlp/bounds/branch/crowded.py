@@ -17,8 +17,6 @@ squared distances, is less than 1e-13 of the squared length of the tree stretche
 `nlp.bounds.branch.box`); the allowance is DISTANCE_ROUNDING of that.
 """
 
-from __future__ import annotations
-
 import math
 
 from nlp.bounds.branch.arrays import BranchProblem

@@ -1,7 +1,5 @@
 """Frames of modules in the root's frame, at the vertices of a box of hinge angles and at its middle."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

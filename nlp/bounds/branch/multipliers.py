@@ -15,8 +15,6 @@ psi has a kink, on which the method stalls, so smaller weights are raised to MIN
 | q | multiplier of the condition: the best end-effector position p'_E | (3,) |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

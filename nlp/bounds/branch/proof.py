@@ -3,8 +3,6 @@
 The search is imported on use: it is compiled, and other commands need not load it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Literal
 

@@ -38,8 +38,6 @@ at most the largest reach (with the audit's tolerance) from a connector. |p_0| i
 modules and joints plus m_E / (m_t - m_E) times |p'_E|, or |p_E| if that is fixed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ CROWDED: two modules are too close everywhere in it; SPLIT + a: it is halved alo
 modules nor multipliers: a checker finds its own.
 """
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import NamedTuple

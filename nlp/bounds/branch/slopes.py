@@ -15,8 +15,6 @@ step (iteratively reweighted least squares). Any multipliers will do for a proof
 | v_a | derivative of the sum of all B_i (`nlp.bounds.branch.box`) by angle a, in W | (A, 3) |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

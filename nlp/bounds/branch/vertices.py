@@ -1,7 +1,5 @@
 """Smoothed dual function D at all vertices of a box, and the workspace of its search (`worst_vertex`)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

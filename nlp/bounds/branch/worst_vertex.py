@@ -23,8 +23,6 @@ D_v is a sum over the modules; each has one of its frames, at one of the vertice
 | G_v | gradient of D_v; a row is sqrt(w_v / T) (G_v - sum_v w_v G_v) | (K, 6), (W,) |
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -16,8 +16,6 @@ The study is in memory and recreated with the strategy; its journal is a copy fo
 warm starts of each proposal.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator, Sequence

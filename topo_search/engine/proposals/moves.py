@@ -51,8 +51,6 @@ variance 1 / (K^-1)_ii [2].
 [2] The same, eq. 5.12.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set

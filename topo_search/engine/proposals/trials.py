@@ -19,8 +19,6 @@ study keeps them for Optuna's own samplers and for the journal. There a trial wi
 constraint, so that Optuna ranks it behind all others.
 """
 
-from __future__ import annotations
-
 import math
 from abc import abstractmethod
 from bisect import bisect_left, insort
