@@ -24,6 +24,7 @@ from topo_search.export.brackets import (
     brackets,
     mount,
     printed_parts,
+    strut,
     struts,
 )
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note
@@ -32,7 +33,7 @@ from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import read_json
-from topo_search.model.joint_mass import bolt_of, joint_mass
+from topo_search.model.joint_mass import PLASTIC, bolt_of, joint_mass, strut_width
 from topo_search.topologies import sample
 from verify.kinematics import platform
 
@@ -148,7 +149,7 @@ def test_there_is_a_file_for_each_kind_of_bracket_and_it_is_counted() -> None:
     rows = [row for row in parts_list(design, printed_parts(design)) if row[0] == "bracket"]
     assert [row[1] for row in rows] == [1, 2, 1]
     bolts = next(row[1] for row in parts_list(design, printed_parts(design)) if row[0] == "bolt with nut")
-    flanges = 8 + sum(part.count for part in struts(design)) + len([*mount(design)])
+    flanges = 8 + sum(kind.number for kind in struts(design)) + len([*mount(design)])
     assert bolts == 4 * flanges
 
 
@@ -200,23 +201,58 @@ def test_brackets_as_large_as_modules_are_refused() -> None:
         Bracket(bolt_circle=0.005)
 
 
-def test_struts_reach_from_the_hub_to_every_bracket_and_keep_off_rotors() -> None:
-    design = with_rod(random_design(Topology.from_key("a300"), 3))
+def keeps_off_rotors(mesh: trimesh.Trimesh, design: Design) -> bool:
     module = design.task.module
-    (part,) = struts(design)
-    assert (part.file, part.count) == ("strut_86.4mm.stl", 2 * 2 + 1)
+    rotors = (module.arm_length / math.sqrt(2) * np.array([1, y]) for y in (1, -1))
+    off = [np.linalg.norm(mesh.vertices[:, :2] - rotor, axis=1).min() for rotor in rotors]
+    return min(off) > module.body.rotor_radius + 0.0019
+
+
+def test_short_struts_are_printed_from_the_hub_to_every_bracket_and_keep_off_rotors() -> None:
+    fields = {"module": {"body": {"hub": (0.1, 0.1, 0.04)}}}
+    design = with_rod(random_design(Topology.from_key("a300"), 3, fields))
+    module = design.task.module
+    (part,) = [part for part in printed_parts(design) if part.name == "strut"]
+    assert (part.file, part.count) == ("strut_76.4mm.stl", 2 * 2 + 1)
     mesh = read(part)
     (centre, normal, up) = mating_face(mesh, 1, module.bracket_sizes.bolt_diameter)
     distance = module.connector_distance - module.bracket_sizes.set_back
     np.testing.assert_allclose(centre, [distance, 0, 0], atol=1e-6)
     np.testing.assert_allclose([normal, up], [[1, 0, 0], [0, 0, 1]], atol=1e-6)
     assert mesh.bounds[0][0] == pytest.approx(module.body.hub[0] / 2, abs=1e-7)
-    for x, y in ((1, 1), (1, -1)):
-        rotor = module.arm_length / math.sqrt(2) * np.array([x, y])
-        off = np.linalg.norm(mesh.vertices[:, :2] - rotor, axis=1)
-        assert off.min() > module.body.rotor_radius + 0.0019
+    assert keeps_off_rotors(mesh, design)
     wide = design.task.module.model_copy(update={"body": module.body.model_copy(update={"rotor_radius": 0.068})})
     assert struts(design.model_copy(update={"task": design.task.model_copy(update={"module": wide})})) == []
+
+
+def test_long_struts_are_tubes_between_printed_ends_and_as_long_as_they_were() -> None:
+    design = with_rod(random_design(Topology.from_key("a300"), 3))
+    module, sizes = design.task.module, design.task.module.bracket_sizes
+    (kind,) = struts(design)
+    assert (kind.number, kind.tube) == (5, 0.01)
+    solids = printed_parts(design)
+    (end,) = [part for part in solids if part.name == "tube end"]
+    assert (end.file, end.count) == ("tube-end_10mm.stl", 10)
+    mesh = read(end)
+    centre, normal, up = mating_face(mesh, 1, sizes.bolt_diameter)
+    np.testing.assert_allclose([centre, normal, up], [[0, 0, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-6)
+    bore = np.linalg.norm(mesh.vertices[:, 1:], axis=1)
+    inside = mesh.vertices[np.abs(bore - 0.0051) < 2e-6][:, 0]
+    np.testing.assert_allclose([inside.min(), inside.max()], [sizes.thickness, sizes.thickness + 0.01], atol=1e-7)
+    # a nut at its bolt is clear of the socket
+    assert sizes.bolt_circle / 2 - 0.9 * 0.003 > 0.005 + sizes.wall
+    assert keeps_off_rotors(mesh.apply_translation([module.body.hub[0] / 2, 0, 0]), design)
+    rows = {row[0]: row for row in parts_list(design, solids)}
+    count, size = rows["tube"][1:3]
+    long, outside, hole = (float(number) for number in re.findall(r"[\d.]+(?= mm)", size))
+    assert count == 5
+    assert long + 2000 * sizes.thickness == pytest.approx(1000 * kind.length, abs=0.06)  # between the flanges
+    ring = math.pi / 4 * (outside**2 - hole**2) * 1e-6
+    assert float(rows["tube"][3]) == pytest.approx(1600 * ring * long / 1000, rel=1e-3)
+    face = module.connector_distance - sizes.set_back - module.body.hub[0] / 2
+    assert kind.length == pytest.approx(face)
+    page = sheet(design, solids, ())
+    assert f"a tube of 10 mm, cut to {long} mm" in " ".join(page.split())
 
 
 @pytest.mark.parametrize(
@@ -232,9 +268,13 @@ def test_the_mass_of_a_joint_is_that_of_its_parts_in_a_flat_kit_of_two_modules(f
     drawn = random_design(Topology.from_key("a10"), 1, {"module": fields})
     design = drawn.model_copy(update={"hinge_angles_rad": (0.0,)})
     totals = {row[0]: float(row[4]) for row in parts_list(design, printed_parts(design))}
-    assert ("strut" in totals) == (fields.get("body") != {"rotor_radius": 0.066})
-    parts = sum(totals.get(name, 0.0) for name in ("bracket", "strut", "bolt with nut"))
-    assert joint_mass(design.task.module) == pytest.approx(parts, rel=0.01)
+    module = design.task.module
+    printed = [strut(module.bracket_sizes, kind.inner, kind.outer, strut_width(module)) for kind in struts(design)]
+    assert bool(printed) == (fields.get("body") != {"rotor_radius": 0.066})
+    parts = totals["bracket"] + totals["bolt with nut"] + 2 * sum(PLASTIC * mesh.volume * 1e-9 for mesh in printed)
+    assert joint_mass(module) == pytest.approx(parts, rel=0.01)
+    as_built = sum(totals.get(name, 0.0) for name in ("bracket", "strut", "tube", "tube end", "bolt with nut"))
+    assert 0.85 < as_built / parts < 1.001  # tubes are lighter
 
 
 def test_modules_too_small_for_any_bolt_are_refused_in_words() -> None:
@@ -291,10 +331,12 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
     total = sum(int(row[1]) * float(row[3]) for row in listed)
     assert float(rows["all parts"]["total_kg"]) == pytest.approx(total, abs=1e-4)
     assert float(rows["model of the search"]["total_kg"]) == 0.768
-    assert (rows["strut"]["count"], rows["strut"]["file"]) == ("5", "brackets/strut_86.4mm.stl")
+    assert (rows["tube end"]["count"], rows["tube end"]["file"]) == ("10", "brackets/tube-end_10mm.stl")
+    assert (rows["tube"]["count"], rows["tube"]["size"]) == ("5", "78.4 mm long, 10 mm thick, 8 mm inside")
     assert (rows["bolt with nut"]["count"], rows["bolt with nut"]["size"]) == ("40", "M3 x 12")
     assert (rows["clamp bolt with nut"]["count"], rows["clamp bolt with nut"]["size"]) == ("1", "M3 x 12")
-    struts_and_their_bolts = float(rows["strut"]["total_kg"]) + 20 * float(rows["bolt with nut"]["mass_kg"])
+    tubes = float(rows["tube"]["total_kg"]) + float(rows["tube end"]["total_kg"])
+    struts_and_their_bolts = tubes + 20 * float(rows["bolt with nut"]["mass_kg"])
     assert total - struts_and_their_bolts - 0.768 == pytest.approx(0.1, abs=3e-3)  # 13 % of the model
     assert bolt_of(0.0055, 0.012) == (5.0, 20)
     joined = total - float(rows["module"]["total_kg"]) - float(rows["rod"]["total_kg"]) - 0.048

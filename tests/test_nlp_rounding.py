@@ -5,12 +5,14 @@ import math
 import numpy as np
 import pytest
 from export_cases import random_design
+from nlp_cases import solved
 
-from nlp import solve_near
+from nlp import solve, solve_near
 from nlp.hinge_sets import _Set
 from topo_search.compose import NotClear, audit, round_angles
 from topo_search.compose.rounding import move_hinges
 from topo_search.model import Design, Status, Topology
+from topo_search.model.task_file import read_task
 
 
 def on_steps(design: Design, step_deg: float) -> Design:
@@ -43,6 +45,21 @@ def test_angles_whose_modules_are_too_close_are_moved_until_they_are_clear(solve
     nearest = angles.neighbours(np.array(solved_push.hinge_angles_rad))
     assert nearest
     assert all(angles._slack(combination) >= 0 for combination in nearest)
+
+
+def test_ten_modules_whose_rod_would_be_too_long_are_moved_within_its_reach() -> None:
+    """The tip is as far from its rod's connector as it may be; turned hinges alone put it beyond that."""
+    reach = ('end_effector.rod="straight"', "end_effector.largest_reach=0.12")
+    task = read_task("push", ("modules=10", "module.connector_distance=0.22", *reach)).resolve(10)
+    design = solved(solve(task, Topology.from_key("ab414041100"), starts=range(2), seed=0))
+    nearest = tuple(np.radians(np.round(np.degrees(design.hinge_angles_rad))))
+    unmoved = audit(design.model_copy(update={"hinge_angles_rad": nearest}))
+    (beyond,) = (row.value for row in unmoved.residuals if row.name == "reach of the end-effector's rod")
+    assert beyond > 0.0015
+    rounded, audited, notes = round_angles(design, 1.0)
+    assert audited.verdict == "clear"
+    assert rounded.objective / design.objective < 1.005
+    assert "rounded to 1 deg" in notes[0]
 
 
 def test_where_no_step_is_clear_the_answer_is_why() -> None:

@@ -1,4 +1,4 @@
-r"""Printable solids: brackets, struts and the rod's mount, in millimetres, each in its own frame.
+r"""Printable solids: brackets, struts, ends of tubes, the rod's mount, in millimetres, each in its own frame.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -20,7 +20,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from manifold3d import Manifold, Mesh, OpType
@@ -31,9 +31,9 @@ from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
-from topo_search.model.joint_mass import strut_width
-from topo_search.model.mesh import rotation_to
+from topo_search.model.joint_mass import strut_width, tube_room
 from topo_search.model.module import Module
+from topo_search.model.proven import lower_text
 from topo_search.model.value import BadInput, Fault
 from verify.kinematics import platform, rotation
 
@@ -44,6 +44,14 @@ TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi / alpha at the ports 0..3."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
+BALL = 1.02
+"""Radius of the ball at the foot of a socket, over that of the socket."""
+PLAY = 1e-4
+"""Radial play of a tube in its bore [m]."""
+LONGEST_PRINTED = 0.08
+"""Length above which a strut is a tube [m]."""
+SMALLEST_TUBE, TUBE_STEP = 0.004, 0.002
+"""Smallest outer diameter of tubes, and the step of diameters, as they are sold [m]."""
 DIGITS = 3
 """Decimals of angles in file names [deg]."""
 
@@ -52,7 +60,7 @@ DIGITS = 3
 class PrintedPart:
     """A printable solid."""
 
-    name: Literal["bracket", "rod mount", "strut"]
+    name: Literal["bracket", "rod mount", "strut", "tube end"]
     file: str
     mesh: Trimesh
     """In millimetres."""
@@ -72,7 +80,7 @@ class PrintedPart:
 
 def printed_parts(design: Design) -> list[PrintedPart]:
     """Return the printable solids of a design; BadInput if there is no room for brackets."""
-    return [*brackets(design), *mount(design), *struts(design)]
+    return [*brackets(design), *mount(design), *strut_parts(design)]
 
 
 def brackets(design: Design) -> list[PrintedPart]:
@@ -101,8 +109,25 @@ def bracket_file(size: float) -> str:
     return f"bracket_{size:.{DIGITS}f}deg.stl"
 
 
-def struts(design: Design) -> list[PrintedPart]:
-    """Return the struts that hold brackets and the rod's mount on the hub, one part per length, with its count.
+class Strut(NamedTuple):
+    """Struts of one length, between a hub and brackets or the rod's mount."""
+
+    inner: float
+    """x of the hub's face, in its module's axes at port 0 [m]."""
+    outer: float
+    """x of the bracket's face [m]."""
+    number: int
+    tube: float
+    """Outer diameter of the tube that spans it, between printed ends [m]; 0: printed in one piece."""
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return self.outer - self.inner
+
+
+def struts(design: Design) -> list[Strut]:
+    """Return the struts that hold brackets and the rod's mount on the hub, one kind per length.
 
     The list is empty for a frame of the user's own, and if there is no room between the rotors.
     """
@@ -110,21 +135,43 @@ def struts(design: Design) -> list[PrintedPart]:
     if design.mount is not None and rod_of(design, platform(design)) is not None:
         used_ports.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
-    width = strut_width(module)
-    lengths = Counter(module.body.hub[port % 2] / 2 for port in used_ports)
-    if not width:
-        return []
+    lengths = Counter(module.body.hub[port % 2] / 2 for port in used_ports) if strut_width(module) else {}
     return [
-        PrintedPart(
-            "strut", f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count
-        )
+        Strut(inner, outer, count, tube_diameter(sizes, outer - inner))
         for inner, count in lengths.items()
         if outer - inner > 2 * sizes.thickness
     ]
 
 
+def tube_diameter(sizes: Bracket, length: float) -> float:
+    """Return the outer diameter of the tube that a strut of some length takes [m]; 0: it is printed in one piece.
+
+    Args:
+        sizes: sizes of the flanges at its ends.
+        length: length with both flanges [m].
+    """
+    diameter = TUBE_STEP * math.floor(2 * tube_room(sizes) / TUBE_STEP)
+    fits = diameter >= SMALLEST_TUBE and length >= 2 * (sizes.thickness + diameter)
+    return diameter if fits and length > LONGEST_PRINTED else 0.0
+
+
+def strut_parts(design: Design) -> Iterator[PrintedPart]:
+    """Yield the printed struts, and the ends of those that are tubes."""
+    sizes, width = design.task.module.bracket_sizes, strut_width(design.task.module)
+    ends = Counter[float]()
+    for kind in struts(design):
+        if kind.tube:
+            ends[kind.tube] += 2 * kind.number
+        else:
+            mesh = strut(sizes, kind.inner, kind.outer, width)
+            yield PrintedPart("strut", f"strut_{MILLIMETRES * kind.length:.1f}mm.stl", mesh, kind.number)
+    for diameter, count in ends.items():
+        file = f"tube-end_{MILLIMETRES * diameter:g}mm.stl"
+        yield PrintedPart("tube end", file, tube_end(sizes, diameter), count)
+
+
 def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
-    """Return a strut as a closed mesh in millimetres, in its module's axes at port 0.
+    """Return a printed strut as a closed mesh in millimetres, in its module's axes at port 0.
 
     It is two flanges joined by a beam with a cross as its section.
 
@@ -143,12 +190,36 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
     return _mesh(solid)
 
 
+def tube_end(sizes: Bracket, diameter: float) -> Trimesh:
+    """Return a flange with a socket as deep as the tube is thick, as a closed mesh in millimetres.
+
+    The flange's outer face is the plane x = 0; the tube leaves along x.
+
+    Args:
+        sizes: sizes of the flange.
+        diameter: outer diameter of the tube [m].
+    """
+    r, t, w, D = (MILLIMETRES * x for x in (sizes.half_width, sizes.thickness, sizes.wall, diameter))
+    socket = Manifold.cylinder(t + D, D / 2 + w, circular_segments=SIDES)
+    bore = Manifold.cylinder(2 * D, D / 2 + MILLIMETRES * PLAY, circular_segments=SIDES)
+    solid = _box((0, -r, -r), (t, r, r)) + _move(socket, _x_from_z(0))
+    return _mesh(solid - _move(bore, _x_from_z(t)) - _holes(sizes, 0, t, marks=1))
+
+
 def mount(design: Design) -> Iterator[PrintedPart]:
-    """Yield the mount of the end-effector's rod, if there is a rod."""
+    """Yield the mount of the end-effector's rod, if there is a rod.
+
+    Raises:
+        BadInput: the rod is too thick for a module's brackets, or there is no room for them.
+    """
     poses = platform(design)
     rod = rod_of(design, poses)
     if rod is not None and design.mount is not None:
         require_room(design.task.module)
+        if rod.radius > (most := tube_room(design.task.module.bracket_sizes)):
+            rule = f"must be at most {lower_text(most, 2)}, so that the bolts of the rod's mount have room"
+            fault = Fault("end_effector.rod_radius", f"{rule}, but got {rod.radius:g}")
+            raise BadInput("the design's task", [fault])
         i, a = design.mount.module, design.mount.port
         v = (poses.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
         shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
@@ -201,20 +272,19 @@ def bracket(sizes: Bracket, phi: float) -> Trimesh:
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     """Return a flange with a socket for a rod from c along v, with a clamp at the socket's end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    # the bore has 0.1 mm of radial play
-    bore, outside = MILLIMETRES * (radius + 1e-4), MILLIMETRES * (radius + sizes.wall)
+    bore, outside = MILLIMETRES * (radius + PLAY), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
-    along = pose_matrix(rotation_to(v), np.zeros(3))
-    foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))
-    ball = Manifold.sphere(outside, SIDES)
-    solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball])
-    solid += _move(Manifold.cylinder(reach, outside, circular_segments=SIDES), along)
-    solid -= _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
+    pose = pose_matrix(_clamp_axes(v), np.zeros(3))
+    foot = _move(Manifold.cylinder(t, outside, circular_segments=SIDES), _x_from_z(-d))
+    # a ball as thick as the socket would touch it all around, and leave slivers
+    ball = Manifold.sphere(BALL * outside, SIDES)
+    socket = Manifold.cylinder(reach, outside, circular_segments=SIDES)
     if has_clamp(sizes, grip):
         ears, gap = _clamp(sizes, outside, reach)
-        pose = pose_matrix(_clamp_axes(v), np.zeros(3))
-        solid = solid + _move(ears, pose) - _move(gap, pose)
-    solid -= _move(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), along)
+        socket = socket + ears - gap
+    behind = _box((-6 * d, -6 * d, -6 * d), (-d, 6 * d, 6 * d))
+    solid = _box((-d, -r, -r), (-d + t, r, r)) + Manifold.batch_hull([foot, ball]) + (_move(socket, pose) - behind)
+    solid -= _move(Manifold.cylinder(2 * reach, bore, circular_segments=SIDES), pose)
     return _mesh(solid - _holes(sizes, -d, t, marks=1))
 
 
@@ -256,7 +326,7 @@ def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
 
 
 def _x_from_z(x: float) -> Array:
-    return pose_matrix(rotation(1, math.pi / 2), np.array([x, 0.0, 0.0]))
+    return pose_matrix(np.round(rotation(1, math.pi / 2)), np.array([x, 0.0, 0.0]))
 
 
 def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Manifold:

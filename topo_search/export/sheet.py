@@ -23,7 +23,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.html import paragraph, table
-from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of
+from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of, strut_width
 from topo_search.model.module import Module
 from topo_search.model.proven import lower_text
 from topo_search.model.task import ResolvedTask
@@ -69,7 +69,7 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
         "<h2>Convention</h2>",
         f'<section class="convention">{ports(design.task.module)}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are rounded to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(strut_section(design, part) for part in solids if part.name == "strut"),
+        *(strut_section(design.task.module, kind) for kind in brackets.struts(design)),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
@@ -96,20 +96,32 @@ def _faces(design: Design) -> str:
     )
 
 
-def strut_section(design: Design, part: PrintedPart) -> str:
+def strut_section(module: Module, kind: brackets.Strut) -> str:
     """Return a side view of a strut with the positions of its faces, and its text."""
-    (start, _, low), (end, _, high) = part.mesh.bounds
-    t = MILLIMETRES * design.task.module.bracket_sizes.thickness
-    half = MILLIMETRES * design.task.module.body.arm_width / 2
-    svg = [HEAD.format(start - 15, -high - 15, end - start + 30, high - low + 40, f"strut of {end - start:.1f} mm")]
-    flanges = [np.array([[x, low], [x + t, low], [x + t, high], [x, high]]) for x in (start, end - t)]
-    beam = np.array([[start, -half], [end, -half], [end, half], [start, half]])
-    svg += [_polygon(flange, palette.CONNECTOR) for flange in flanges]
-    svg += [_polygon(beam, palette.MODULE), *(_text(x, -low + 12, f"{x:.2f}", 7) for x in (start, end))]
+    sizes = module.bracket_sizes
+    lengths = kind.inner, kind.outer, sizes.half_width, sizes.thickness, sizes.wall
+    start, end, r, t, w = (MILLIMETRES * x for x in lengths)
+    D = MILLIMETRES * kind.tube
+    half = D / 2 or MILLIMETRES * strut_width(module)
+    svg = [HEAD.format(start - 15, -r - 15, end - start + 30, 2 * r + 40, f"strut of {end - start:.1f} mm")]
+
+    def box(low: float, high: float, half: float, colour: str) -> str:
+        return _polygon(np.array([[low, -half], [high, -half], [high, half], [low, half]]), colour)
+
+    sockets = [(start + t, start + t + D), (end - t - D, end - t)] if D else []
+    svg += [box(low, high, r, palette.CONNECTOR) for low, high in ((start, start + t), (end - t, end))]
+    svg += [box(low, high, D / 2 + w, palette.CONNECTOR) for low, high in sockets]
+    svg.append(box(start + t, end - t, half, palette.MODULE))
+    svg += [_text(x, r + 12, f"{x:.2f}", 7) for x in (start, end)]
     text = (
-        f"Strut {part.file} ({part.count} needed), side view: the hub is on the left, a bracket or the rod's mount "
-        "on the right, mark holes up. Dimensions are in millimetres from the module's centre."
+        f"Strut of {end - start:.1f} mm ({kind.number} needed), side view: the hub is on the left, a bracket or "
+        "the rod's mount on the right, mark holes up. Dimensions are in millimetres from the module's centre."
     )
+    if D:
+        text += (
+            f" It is a tube of {D:g} mm, cut to {end - start - 2 * t:.1f} mm and glued into two printed ends until "
+            "it bottoms out. While the glue sets, lay both ends on a flat table, mark holes up."
+        )
     return "\n".join(["<section>", *svg, f"</svg>{paragraph(text)}</section>"])
 
 
@@ -370,17 +382,23 @@ ListedPart = tuple[str, int | str, str, str, str, str]
 """Cells of a part, in the order of `COLUMNS`."""
 ABOUT_PARTS = (
     "Masses of printed parts are for solid PLA, those of bolts with nuts for steel. A bolt is long enough for a "
-    "flange, a module face of the same thickness, and a nut. The last row is the mass used by search and audit."
+    "flange, a module face of the same thickness, and a nut. Tubes are of carbon fibre. The last row is the mass "
+    "used by search and audit."
 )
+TUBE_WALL, TUBE_DENSITY = 0.001, 1600.0
+"""Wall thickness of a strut's tube [m], and its density [kg/m^3]."""
 
 
 def parts_list(design: Design, solids: Sequence[PrintedPart]) -> list[ListedPart]:
     """Return a row for every kind of part, then the total mass, then the mass of the search's model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
-    for name in ("bracket", "strut", "rod mount"):
+    for name in ("bracket", "strut", "tube end", "rod mount"):
         rows += [_part_row(part) for part in solids if part.name == name]
-    flanges = 2 * (design.topology.n - 1) + sum(part.count for part in solids if part.name != "bracket")
+    kinds = brackets.struts(design)
+    rows += [_tube_row(kind, bracket.thickness) for kind in kinds if kind.tube]
+    mounts = sum(part.name == "rod mount" for part in solids)
+    flanges = 2 * (design.topology.n - 1) + sum(kind.number for kind in kinds) + mounts
     rod = rod_of(design, platform(design))
     if rod is not None:
         size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
@@ -415,6 +433,13 @@ def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
 def parts_csv(rows: Sequence[ListedPart]) -> str:
     """Return the parts list as the text of a CSV file."""
     return csv_text(COLUMNS, rows)
+
+
+def _tube_row(kind: brackets.Strut, thickness: float) -> ListedPart:
+    D, wall, length = kind.tube, TUBE_WALL, kind.length - 2 * thickness
+    inside = MILLIMETRES * (D - 2 * wall)
+    size = f"{MILLIMETRES * length:.1f} mm long, {MILLIMETRES * D:g} mm thick, {inside:g} mm inside"
+    return _row("tube", kind.number, size, TUBE_DENSITY * math.pi * (D - wall) * wall * length)
 
 
 def _bolt_row(name: str, count: int, d: float, length: float) -> ListedPart:

@@ -84,9 +84,11 @@ class EndEffector(Value):
     by rod_deflection, or four times the width of the modules packed in a square if that is less; only the latter
     for a fixed position."""
     rod_radius: Positive = 0.005
-    """Radius of the rod that carries the end-effector [m]."""
+    """Radius of the rod that carries the end-effector [m]; default with small modules: thinner, so that brackets of
+    their size hold it."""
     rod_linear_density: NonNegative = 0.045
-    """Mass of the rod per metre [kg/m]; default: a carbon-fibre tube (1,600 kg/m^3) with a 1 mm wall."""
+    """Mass of the rod per metre [kg/m]; default: a carbon-fibre tube (1,600 kg/m^3) with a wall of a
+    fifth of the radius."""
     rod_mass: Annotated[Literal["included", "ignored"], omit_if("ignored")] = "ignored"
     """`included`: the rod's mass counts in weight, centre of mass and inertia; `ignored`: it is massless."""
     counted_rod: Omitted[CountedRod] = None

@@ -4,19 +4,24 @@ The design of least effort sits on every limit that its task leaves open. So whe
 fields that a new task leaves out ask for what a hovering platform needs (`FLYING`): a horizontal force against
 gusts, tilt and angular acceleration for the controller, errors of the centre of mass and of assembly, and rotors
 that never stop. `flight.defaults = false` asks for none of them, a field of 0 not for its own. Rod and joints have
-mass unless the task says otherwise.
+mass unless the task says otherwise, and the rod of a small module is as thin as its brackets require.
 
 Designs and audits state every field.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from topo_search.model.bracket import Bracket
+from topo_search.model.end_effector import EndEffector
 from topo_search.model.goals import GOALS
+from topo_search.model.joint_mass import tube_room
 from topo_search.model.load_case import LoadCase
+from topo_search.model.module import Module
 from topo_search.model.proven import lower_text
 from topo_search.model.sensitivity import Tolerances
 from topo_search.model.value import Number, Value, Vector
@@ -76,6 +81,8 @@ def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
     flight, end_effector, tolerances = (tables[name] for name in ("flight", "end_effector", "tolerances"))
     needs_rod = end_effector.get("rod", "straight") == "straight" and end_effector.get("largest_reach") is not False
     end_effector.setdefault("rod_mass", "included" if needs_rod else "ignored")
+    if needs_rod and not {"rod_radius", "rod_linear_density"} & set(end_effector):
+        end_effector.update(_thin_rod(tables["module"]))
     asked = flight.get("defaults", True)
     if isinstance(asked, list | tuple):  # filled in before; a field changed since is stated
         for path in asked:
@@ -187,6 +194,19 @@ def _table(data: dict[str, Any], name: str) -> dict[str, Any] | None:
     if isinstance(table, Value):
         return {field: getattr(table, field) for field in table.model_fields_set}
     return dict(table) if isinstance(table, dict) else None
+
+
+def _thin_rod(module: dict[str, Any]) -> dict[str, float]:
+    """Return a thinner rod for a module whose brackets have no room for the default one, in steps of 0.5 mm."""
+    numbers = [module.get(name, Module.model_fields[name].default) for name in ("connector_distance", "mass")]
+    if not all(isinstance(number, int | float) and 0 < number < math.inf for number in numbers):
+        return {}
+    usual, step = EndEffector(), 0.0005
+    radius = step * max(1, math.floor(tube_room(Bracket.of_module(*numbers)) / step))
+    if radius >= usual.rod_radius:
+        return {}
+    share = radius / usual.rod_radius
+    return {"rod_radius": radius, "rod_linear_density": round(share**2 * usual.rod_linear_density, 6)}
 
 
 def _hovers(data: dict[str, Any]) -> bool:

@@ -1,10 +1,12 @@
 """Mass of a joint by its parts, as in kits: a bracket, two struts to the hubs, and their bolts.
 
-Printed parts are solid PLA, bolts and nuts steel.
+Printed parts are solid PLA, bolts and nuts steel. Struts are taken as printed, whatever their length: kits have
+lighter tubes for long ones, which about makes up for the rod's mount and its strut, which belong to no joint.
 """
 
 import math
 
+from topo_search.model.bracket import Bracket
 from topo_search.model.module import Module
 
 PLASTIC, STEEL = 1240.0, 7850.0
@@ -41,6 +43,11 @@ def strut_width(module: Module) -> float:
     if module.body.frame is not None or room <= half_width:
         return 0.0
     return min(module.body.arm_width / 2, half_width)
+
+
+def tube_room(sizes: Bracket) -> float:
+    """Return the largest radius of a tube whose socket on a flange leaves room for the nuts of its bolts [m]."""
+    return sizes.bolt_circle / 2 - sizes.bolt_diameter - sizes.wall
 
 
 def bolt_of(hole: float, grip: float) -> tuple[float, float]:
