@@ -21,8 +21,7 @@ from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import summary_lines
-from topo_search.model import CaseFlight, Clearance, Limit, Topology
-from topo_search.model.design import ShorterRod
+from topo_search.model import CaseFlight, Clearance, Limit, ShorterRod, Topology
 from topo_search.model.goals import Level
 from topo_search.model.objective import LEAST_EFFORT
 from topo_search.model.proven import excess_texts

@@ -10,7 +10,7 @@ from wording import says
 
 from topo_search.engine import Failed
 from topo_search.model import Topology
-from topo_search.model.design import Stated
+from topo_search.model.stated import Stated
 from topo_search.model.task_file import read_task
 from topo_search.study import Request, UserInputs
 from topo_search.topologies import candidates

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from pydantic import ValidationError
 
 from topo_search.model import Mount, ResolvedTask, Topology
-from topo_search.model.design import Stated
+from topo_search.model.features import Stated
 from topo_search.model.folds import FOLD
 from topo_search.model.value import faults_of
 

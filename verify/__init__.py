@@ -6,21 +6,8 @@ the audit's own forward kinematics. `check_chunk` checks one part of a branch-an
 first use, so importing this package is cheap.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from verify.assembly import choose_mount
-    from verify.bare import complete
-    from verify.design_audit import audit
-    from verify.flight.analysis import case_reserves
-    from verify.kinematics import Poses, poses
-    from verify.proof.check import check_chunk, prepare_check
-
-__all__ = ["Poses", "audit", "case_reserves", "check_chunk", "choose_mount", "complete", "poses", "prepare_check"]
-
+from typing import Any
 
 _MODULES = {
     "Poses": "kinematics", "audit": "design_audit", "case_reserves": "flight.analysis",

@@ -15,7 +15,7 @@ from importlib import metadata
 import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Geometry, Module, Status
-from topo_search.model.design import StatedCheck
+from topo_search.model.features import StatedCheck
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.certificate import Certificate, RoundBody

@@ -1,5 +1,7 @@
 """`topo-search init`, `examples`, `check` and `topologies`: task files, their requirements, trees of a size."""
 
+from __future__ import annotations
+
 import re
 import textwrap
 from bisect import bisect_left

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 
 from topo_search.engine.strategy import Candidates, SamplerFactory, Tried
 from topo_search.model import Topology
-from topo_search.model.design import Versioned
+from topo_search.model.stated import Versioned
 from topo_search.own_constraint import require_stated
 
 

@@ -2,10 +2,18 @@
 
 from topo_search.model.air import FastAir
 from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, FreeConnector, Obstacle, Rod
+from topo_search.model.assembly import (
+    Assembly,
+    BoltedJoint,
+    EndEffectorSheet,
+    FreeConnector,
+    Obstacle,
+    Rod,
+    ShorterRod,
+)
 from topo_search.model.audit import AllowedContact, Audit, Interference, Residual
 from topo_search.model.clearance import Clearance, Status
-from topo_search.model.design import Design, Geometry, Infeasible, ShorterRod, Shortfall, SolverRecord
+from topo_search.model.design import Design, Geometry, Infeasible, Shortfall, SolverRecord
 from topo_search.model.end_effector import EndEffector, Mount
 from topo_search.model.exposure import LEAST_OFFSET, AnyExposure, needs_offset, segment_of
 from topo_search.model.flight import CaseFlight, CasePower, Flight, JointLoad, RotorsOut

@@ -1,6 +1,7 @@
-"""Assembly sheet of a design: joints in bolting order, and the end-effector with its rod."""
+"""Assembly sheet of a design: joints in bolting order, and the end-effector with its rod, or a shorter one."""
 
 from topo_search.model.end_effector import Mount
+from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
 
@@ -75,6 +76,23 @@ class EndEffectorSheet(Value):
             for connector in self.connectors
             if self.mount is not None and not connector.blocked_by and not connector.in_airflow_of
         )
+
+
+class ShorterRod(Value):
+    """Cost of a rod shorter than that of the design."""
+
+    length_m: Number
+    """Length of the shorter rod [m]."""
+    cost: Number | None
+    """Relative increase of the effort; None if no design with that rod was found from this one."""
+
+    @property
+    def words(self) -> str:
+        """Cost in words."""
+        if self.cost is None:
+            return f"no design with a rod of at most {lower_text(self.length_m, 3)} m was reached from this one"
+        cost = f"{100 * self.cost:.2g} % control effort"
+        return f"a rod of at most {upper_text(self.length_m, 3)} m adds {cost}, solved from this design"
 
 
 class Assembly(Value):

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import ConfigDict, Field
 
 from topo_search.model.clearance import Clearance, Status, counts
-from topo_search.model.design import StatedCheck
 from topo_search.model.features import (
     WITHIN_TOLERANCES,
     AirSpeeds,
@@ -17,6 +16,7 @@ from topo_search.model.features import (
     MeshExcess,
     Placement,
     Sensitivity,
+    StatedCheck,
     audit_html,
 )
 from topo_search.model.proven import lower_text, upper_text

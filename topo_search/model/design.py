@@ -16,7 +16,6 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     ConfigDict,
-    Field,
     PlainSerializer,
     ValidationError,
     ValidatorFunctionWrapHandler,
@@ -26,8 +25,8 @@ from pydantic import (
 
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.end_effector import Mount
-from topo_search.model.features import Relaxed, design_html, with_older_defaults
-from topo_search.model.proven import at_least, lower_text, upper_text
+from topo_search.model.features import Relaxed, ShorterRod, Stated, design_html, with_older_defaults
+from topo_search.model.proven import at_least
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import Joint, Topology
 from topo_search.model.value import (
@@ -43,58 +42,6 @@ from topo_search.model.value import (
     every_field,
     show,
 )
-
-Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
-"""One line of text."""
-Named = Annotated[Line, Field(min_length=1)]
-"""Nonempty line of text."""
-
-
-class Versioned(Value):
-    """Identity of a user's function: its name and its version, if it has one."""
-
-    name: Named
-    version: Named | None = None
-    """None: the function may have changed."""
-
-
-class Stated(Versioned):
-    """A user's own constraint without its expression: `lower <= expression <= upper`."""
-
-    lower: Number | None = None
-    """Lower bound, in `unit`; None: unbounded."""
-    upper: Number | None = None
-    """Upper bound, in `unit`; None: unbounded."""
-    unit: Line = ""
-    invariant: Literal["none", "numbering", "mirror"] = "none"
-    """Changes that do not affect its result, as claimed by the user (`topo_search.OwnConstraint`)."""
-
-    @property
-    def bounds(self) -> str:
-        """Bounds in words."""
-        sides = [("at least", self.lower), ("at most", self.upper)]
-        if self.lower == self.upper:
-            sides = [("equal to", self.lower)]
-        text = " and ".join(f"{words} {side:g}" for words, side in sides if side is not None)
-        return f"{text} {self.unit}".rstrip()
-
-
-class StatedCheck(Stated):
-    """Result of a user's own constraint on a design."""
-
-    status: Literal["met", "missed", "not checked"]
-    """`not checked`: the audit had its name, but not its expression."""
-    value: Number | None = None
-    """Value with the largest violation, or closest to a bound if all are met, in `unit`."""
-    off_by: Number | None = None
-    """Violation of that value, in `unit`; zero or negative when met."""
-
-    @property
-    def words(self) -> str:
-        """Result in words."""
-        if self.value is None:
-            return self.status if self.status == "missed" else "not checked: the design does not hold its function"
-        return f"{self.status}: {self.value:.6g} {self.unit}".rstrip()
 
 
 def _topology(value: Any) -> Any:
@@ -118,23 +65,6 @@ TopologyRows = Annotated[
     PlainSerializer(lambda topology: [list(joint) for joint in topology.joints], return_type=list[list[int]]),
 ]
 """Topology; files store it as rows [parent, parent_port, child_port]."""
-
-
-class ShorterRod(Value):
-    """Cost of a rod shorter than that of the design."""
-
-    length_m: Number
-    """Length of the shorter rod [m]."""
-    cost: Number | None
-    """Relative increase of the effort; None if no design with that rod was found from this one."""
-
-    @property
-    def words(self) -> str:
-        """Cost in words."""
-        if self.cost is None:
-            return f"no design with a rod of at most {lower_text(self.length_m, 3)} m was reached from this one"
-        cost = f"{100 * self.cost:.2g} % control effort"
-        return f"a rod of at most {upper_text(self.length_m, 3)} m adds {cost}, solved from this design"
 
 
 class SolverRecord(Value):

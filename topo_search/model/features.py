@@ -4,7 +4,7 @@ The core imports this list and, but for those that its contract in pyproject.tom
 """
 
 from topo_search.model.air import AirSpeeds, FastAir
-from topo_search.model.assembly import Assembly
+from topo_search.model.assembly import Assembly, ShorterRod
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.flying import Missed, fallback, find_missed, with_defaults, with_older_defaults
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
@@ -18,6 +18,7 @@ from topo_search.model.relaxed import Relaxed
 from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
 from topo_search.model.rotor_rules import broken_rotors
 from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
+from topo_search.model.stated import Stated, StatedCheck, Versioned
 
 TASK_RULES = (broken_rotors, broken_flight, broken_goals, broken_maximize)
 """Rules that a task as a whole may break, in the order of their messages."""
@@ -27,6 +28,7 @@ CORNER_SETS = (reserve_corners, failure_corners)
 __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly",
     "CasePower", "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed",
-    "Sensitivity", "Tolerances", "audit_html", "design_html", "fallback", "find_missed", "joint_mass",
-    "objective_of", "with_defaults", "with_older_defaults",
+    "Sensitivity", "ShorterRod", "Stated", "StatedCheck", "Tolerances", "Versioned", "audit_html",
+    "design_html", "fallback", "find_missed", "joint_mass", "objective_of", "with_defaults",
+    "with_older_defaults",
 ]  # fmt: skip

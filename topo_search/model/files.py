@@ -17,9 +17,6 @@ from topo_search.model.value import BadInput, as_bad_input, every_field, faults_
 
 Model = TypeVar("Model", bound=BaseModel)
 
-DESCRIPTORS = Path("/proc/self/fd")
-"""Open file descriptors of this process, on Linux."""
-
 
 def validate(model: type[Model], data: Any, source: str, folder: Folder | None = None) -> Model:
     """Return `data` as a model; BadInput names every fault, `source` first.
@@ -107,30 +104,17 @@ def write_atomically(path: Path, content: str | bytes, *, durable: bool = True) 
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
         try:
-            handle = _open_unnamed(path.parent)
-            if handle is None:
-                handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-            with os.fdopen(handle, "wb") as stream:
+            with partial.open("xb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 stream.flush()
                 if durable:
                     os.fsync(stream.fileno())
-                if not partial.exists():  # unnamed; with src_dir_fd, link() follows symlinks
-                    os.link(DESCRIPTORS / str(stream.fileno()), partial, src_dir_fd=stream.fileno())
             partial.replace(path)
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(path)) from error
-
-
-def _open_unnamed(folder: Path) -> int | None:
-    """Open an unnamed file, which vanishes if the process is killed; None where that is not supported."""
-    try:
-        return os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o666) if DESCRIPTORS.exists() else None
-    except OSError:  # no support by the file system, or no permission, which the caller's attempt reports
-        return None
 
 
 def load_text(path: str | Path, *, most_bytes: int, if_missing: str = "no such file") -> str:

@@ -16,6 +16,7 @@ from topo_search.study.proofs import add_proofs
 from topo_search.study.relaxing import add_causes, find_causes
 from topo_search.study.solving import Tools
 from topo_search.study.tables import write_candidates
+from topo_search.study.time_left import remaining_plan as remaining_plan
 
 if TYPE_CHECKING:
     from topo_search.study.answer import Answer, SizeAnswer

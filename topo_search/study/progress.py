@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
-from topo_search.engine import start_ranges
 from topo_search.model import ResolvedTask
 from topo_search.study.ledger import Row
-
-if TYPE_CHECKING:
-    from topo_search.study.folder import RunFolder
 
 PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing", "writing"]
 
@@ -117,36 +112,6 @@ def proof_phase(n: int) -> Phase:
 
 WRITING = Phase("writing", 0, 1, seconds=5.0, is_serial=True)
 """The phase that writes all files, and the page."""
-
-
-def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
-    """Return the plan of what a run has not done yet.
-
-    Args:
-        folder: the run's folder.
-        workers: number of jobs that run at a time; None if unknown.
-        time_limit: time limit of solving [s].
-    """
-    timed, phases = math.isfinite(time_limit), list[Phase]()
-    sizes = ((level.request, level.ledger, n) for level in folder.levels for n in level.request.task.sizes)
-    for request, ledger, n in sizes:
-        context = request.contexts(n)[0]
-        bound = ledger.bound(context)
-        if bound is None:
-            phases.append(proof_phase(n))
-        elif bound[1] is not None:
-            continue  # proven impossible
-        count = request.space(n).count()
-        candidates = count if request.trials is None else min(count, request.trials)
-        if ledger.has_failures(context) or not ledger.is_complete(context, request.starts, request.trials):
-            stops = [0, *(part.stop for part in start_ranges(request.starts, request.starts, timed=timed))]
-            for before, stop in pairwise(stops):
-                unsolved = candidates - ledger.count_solved(context, stop)
-                name: PhaseName = "polishing" if before else "searching"
-                if unsolved > 0:
-                    phases.append(solving_phase(name, context.task, unsolved, stop, before))
-            phases.append(audit_phase(n, min(AUDIT_BATCH, candidates)))
-    return Plan((*phases, WRITING), workers, time_limit)
 
 
 class Observer(Protocol):

@@ -23,8 +23,7 @@ from topo_search.engine import Candidates, ListedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
-from topo_search.model.design import Stated, Versioned
-from topo_search.model.features import Level, fallback
+from topo_search.model.features import Level, Stated, Versioned, fallback
 from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 

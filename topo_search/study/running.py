@@ -21,10 +21,10 @@ from topo_search.model import BadInput
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.answering import answer_of, complete_answer, detect_loss
 from topo_search.study.directory import ReadOnlyFolder
-from topo_search.study.features import AFTER_SEARCH, FILES, STRATEGIES
+from topo_search.study.features import AFTER_SEARCH, FILES, STRATEGIES, remaining_plan
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
+from topo_search.study.progress import WRITING, Observer, proof_phase
 from topo_search.study.request import Request
 from topo_search.study.solving import ProposedJobs, Tools, audit_best, record_proof, record_pruned
 

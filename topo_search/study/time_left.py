@@ -20,8 +20,52 @@ solver. A time limit ends solving; audits follow it.
 """
 
 import math
+from itertools import pairwise
 
-from topo_search.study.progress import EXPECTED, Phase, Plan, duration
+from topo_search.engine import start_ranges
+from topo_search.study.folder import RunFolder
+from topo_search.study.progress import (
+    AUDIT_BATCH,
+    EXPECTED,
+    WRITING,
+    Phase,
+    PhaseName,
+    Plan,
+    audit_phase,
+    duration,
+    proof_phase,
+    solving_phase,
+)
+
+
+def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
+    """Return the plan of what a run has not done yet.
+
+    Args:
+        folder: the run's folder.
+        workers: number of jobs that run at a time; None if unknown.
+        time_limit: time limit of solving [s].
+    """
+    timed, phases = math.isfinite(time_limit), list[Phase]()
+    sizes = ((level.request, level.ledger, n) for level in folder.levels for n in level.request.task.sizes)
+    for request, ledger, n in sizes:
+        context = request.contexts(n)[0]
+        bound = ledger.bound(context)
+        if bound is None:
+            phases.append(proof_phase(n))
+        elif bound[1] is not None:
+            continue  # proven impossible
+        count = request.space(n).count()
+        candidates = count if request.trials is None else min(count, request.trials)
+        if ledger.has_failures(context) or not ledger.is_complete(context, request.starts, request.trials):
+            stops = [0, *(part.stop for part in start_ranges(request.starts, request.starts, timed=timed))]
+            for before, stop in pairwise(stops):
+                unsolved = candidates - ledger.count_solved(context, stop)
+                name: PhaseName = "polishing" if before else "searching"
+                if unsolved > 0:
+                    phases.append(solving_phase(name, context.task, unsolved, stop, before))
+            phases.append(audit_phase(n, min(AUDIT_BATCH, candidates)))
+    return Plan((*phases, WRITING), workers, time_limit)
 
 
 class TimeLeft:

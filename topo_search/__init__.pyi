@@ -1,0 +1,68 @@
+"""Public names of topo_search and the modules that define them."""
+
+from topo_search.compose import (
+    audit,
+    compare,
+    figure,
+    plot_platform,
+    prove,
+    read_design,
+    search,
+    solve,
+    write_report,
+)
+from topo_search.engine import WorkersLost
+from topo_search.engine.own_sampler import OwnSampler, TopologySampler
+from topo_search.engine.strategy import Candidates, Tried
+from topo_search.export.audits import clearances, residuals
+from topo_search.export.formats import export_design, register_format
+from topo_search.export.own_format import OwnFormat
+from topo_search.model import (
+    Audit,
+    BadInput,
+    Clearance,
+    Design,
+    EndEffector,
+    Fault,
+    Flight,
+    Geometry,
+    Infeasible,
+    LoadCase,
+    Module,
+    ResolvedTask,
+    Search,
+    Status,
+    Task,
+    Tolerances,
+    Topology,
+    Wrench,
+)
+from topo_search.model.airflow import Airflow, Jet, RegionAirflow
+from topo_search.model.body import Body
+from topo_search.model.bracket import Bracket
+from topo_search.model.end_effector import CountedRod
+from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
+from topo_search.model.files import read_json, to_json, to_toml
+from topo_search.model.goals import Goals
+from topo_search.model.load_case import ForceCone
+from topo_search.model.mesh_file import ConvexPiece
+from topo_search.model.reserves import AskedFlight
+from topo_search.model.rotors import ModuleRotor
+from topo_search.model.stated import Stated, StatedCheck
+from topo_search.model.task_file import read_task
+from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
+from topo_search.report.charts import plot_candidates, plot_front, plot_history
+from topo_search.report.progress import Lines
+from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
+
+__all__ = [
+    "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
+    "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior", "Fault",
+    "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
+    "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
+    "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
+    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
+    "audit", "clearances", "compare", "export_design", "figure", "plot_candidates", "plot_front", "plot_history",
+    "plot_platform", "prove", "read_answer", "read_design", "read_json", "read_task", "register_format",
+    "residuals", "search", "solve", "to_json", "to_toml", "write_report",
+]  # fmt: skip
