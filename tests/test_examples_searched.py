@@ -42,6 +42,16 @@ def test_a_search_is_as_good_as_the_best_known(example, settings, ratio, trees, 
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("example", ["crazyflie", "five-inch", "h-modquad", "hexarotor"])
+def test_a_first_task_of_a_real_module_has_a_clear_design_that_flies(example, tmp_path):
+    answer = search(read_task(example), out=tmp_path / "run")
+    assert answer.exit_status == 0
+    assert not answer.fragile
+    flown = fly_all(read_json(Design, tmp_path / "run" / "best.json"), Options()).result
+    assert flown.verdict == "held"
+
+
+@pytest.mark.slow
 def test_the_best_of_survives_a_rotor_touches_with_any_one_dead(tmp_path):
     answer = search(read_task("survives-a-rotor", ("modules=3",)), out=tmp_path / "run")
     assert answer.exit_status == 0
