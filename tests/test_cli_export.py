@@ -132,7 +132,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         ([".", "--out", "new.csv"], ".: is not a run folder"),
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
-        (["design.json", "--out", "new.pdf"], "new.pdf: must end in .csv, .glb, .html, .mjcf, .npz"),
+        (["design.json", "--out", "new.doc"], "new.doc: must end in .csv, .glb, .html, .mjcf, .npz"),
         (["design.json", "--out", "new.png", "--format", "pdf"], "must be one of air, allocation"),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: applies only to"),
         (["design.json", "--out", "."], "is a directory"),
@@ -232,11 +232,11 @@ def test_more_rotors_than_px4_takes_are_refused_alone_and_left_out_of_a_kit(comm
 def test_brackets_alone_take_the_place_of_older_ones(command, tmp_path):
     command("design.json", "--format", "brackets", "--out", "stl")
     name = "bracket_22.918deg.stl"
-    names = {name, "strut_86.4mm.stl"}
+    names = {name, "tube-end_10mm.stl"}
     assert {path.name for path in (tmp_path / "stl").iterdir()} == names
     (tmp_path / "stl" / "bracket_02_old.stl").write_text("")
     again = command("design.json", "--format", "brackets", "--out", "stl")
-    assert again.stdout == f"the brackets are in stl: {name}, strut_86.4mm.stl\n"
+    assert again.stdout == f"the brackets are in stl: {name}, tube-end_10mm.stl\n"
     assert {path.name for path in (tmp_path / "stl").iterdir()} == names
 
 

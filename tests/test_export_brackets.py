@@ -415,6 +415,6 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
         np.testing.assert_allclose([float(x) for x in row[5:]], 1000 * np.array(one.position_m), atol=0.051)
     views = [svg for svg in page.iter(SVG + "svg") if svg.get("aria-label", "").startswith("from")]
     assert [[t.text for t in svg.iter(SVG + "text")] for svg in views] == [
-        ["0", "1", "2", "E", "+"],
-        ["0", "1", "2", "E", "+"],
+        ["+", "0", "1", "2", "E"],
+        ["+", "0", "1", "2", "E"],
     ]

@@ -61,7 +61,8 @@ BUILT_IN = (
     Format("rotors", "kit.rotors_file", (), "CSV: position, axis, spin, coefficients", takes=ANGLES, noun="table"),
     Format("px4", "kit.px4_file", (".params",), "PX4's parameters, at most 12 rotors", takes=ANGLES, noun="table"),
     Format("brackets", "", (), "a folder of STL files [mm]: brackets of all joints, rod mount", "folder", ANGLES),
-    Format("sheet", "kit.sheet_file", (".html",), "the assembly sheet", takes=("notes", *ANGLES), noun="sheet"),
+    Format("sheet", "kit.sheet_file", (".html", ".pdf"), "the assembly sheet", takes=("suffix", "notes", *ANGLES),
+           noun="sheet"),
     Format("parts", "kit.parts_file", (), "the parts list as CSV", takes=ANGLES, noun="table"),
 )  # fmt: skip
 """All formats of this package, in the order of `export --help`."""

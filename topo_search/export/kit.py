@@ -10,12 +10,13 @@ from topo_search.export.allocation import allocation, allocator_file, px4_parame
 from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note
+from topo_search.export.sheet_pdf import sheet_pdf
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.value import BadInput
 
 DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
-SHEET, PARTS, BRACKETS = "assembly.html", "parts.csv", "brackets"
+SHEET, PRINTED_SHEET, PARTS, BRACKETS = "assembly.html", "assembly.pdf", "parts.csv", "brackets"
 FILES = (
     DESIGN,
     ALLOCATION,
@@ -24,6 +25,7 @@ FILES = (
     "allocator.py",
     PARAMETERS,
     SHEET,
+    PRINTED_SHEET,
     PARTS,
     "platform.xml",
 )
@@ -58,6 +60,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     px4_reason = reason_against(platform_data)
     kit_notes = px4_warnings(platform_data) if px4_reason is None else (f"{PARAMETERS} is left out: {px4_reason}",)
     kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)), *strength_note(design))
+    page = sheet(design, solids, (*notes, *kit_notes))
     contents: dict[str, str | bytes] = {
         ALLOCATION: to_json(platform_data),
         "allocation.csv": platform_data.csv(),
@@ -66,7 +69,8 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         **({} if px4_reason else {PARAMETERS: px4_parameters(platform_data)}),
         **{f"{BRACKETS}/{part.file}": part.stl() for part in solids},
         PARTS: parts_csv(parts_list(design, solids)),
-        SHEET: sheet(design, solids, (*notes, *kit_notes)),
+        SHEET: page,
+        PRINTED_SHEET: sheet_pdf(page),
         "platform.xml": mjcf(design, physics),
         DESIGN: to_json(design),
     }
@@ -107,9 +111,10 @@ def px4_file(design: Design) -> str:
     return px4_parameters(allocation(design))
 
 
-def sheet_file(design: Design, notes: Sequence[str] = ()) -> str:
-    """Return the assembly sheet, with notes at its top."""
-    return sheet(design, printed_parts(design), notes)
+def sheet_file(design: Design, suffix: str = ".html", notes: Sequence[str] = ()) -> str | bytes:
+    """Return the assembly sheet, with notes at its top, as HTML or PDF."""
+    page = sheet(design, printed_parts(design), notes)
+    return sheet_pdf(page) if suffix == ".pdf" else page
 
 
 def parts_file(design: Design) -> str:

@@ -220,11 +220,11 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{:.6g} {:.6g} {:.6g} {:
 
 def ports(module: Module) -> str:
     """Return a top view of a module with its axes, ports and rotors, as SVG."""
-    svg = [HEAD.format(-80, -80, 160, 160, "a module from above: ports and rotors")]
+    svg = [HEAD.format(-86, -80, 172, 160, "a module from above: ports and rotors")]
     rotors = module.rotor_table
     scale = 36 / rotors.distances.max()
     for q, ((x, y, _), drag) in enumerate(zip(scale * rotors.positions * [1, -1, 1], rotors.drags, strict=True)):
-        svg.append(f'<line x1="0" y1="0" x2="{x:.2f}" y2="{y:.2f}" stroke="#666" stroke-width="3"/>')
+        svg.append(f'<line x1="0" y1="0" x2="{x:.2f}" y2="{y:.2f}" stroke="#ccc" stroke-width="3"/>')
         svg.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="18" fill="{palette.ROTOR}" fill-opacity="0.25"/>')
         turn = "CCW" if drag < 0 else "CW"
         svg.append(_text(x, y + 2, f"rotor {q}", 6))
@@ -232,8 +232,8 @@ def ports(module: Module) -> str:
     for number, (x, y, _) in enumerate(PORT_DIRECTIONS.tolist()):
         svg.append(f'<line x1="0" y1="0" x2="{56 * x}" y2="{-56 * y}" stroke="#222" stroke-width="1.5"/>')
         svg.append(f'<circle cx="{56 * x}" cy="{-56 * y}" r="2.5" fill="{palette.CONNECTOR}"/>')
-        svg.append(_text(66 * x, -66 * y - 1, f"port {number}", 7))
-        svg.append(_text(66 * x, -66 * y + 7, PORT_NAMES[number], 7))
+        svg.append(_text(71 * x, -69 * y - 1, f"port {number}", 7))
+        svg.append(_text(71 * x, -69 * y + 7, PORT_NAMES[number], 7))
     return "\n".join([*svg, "</svg>"])
 
 
@@ -360,10 +360,11 @@ def _view(design: Design, poses: Platform, across: int, up: int, words: str) -> 
         (x, y), (u, v) = project(rod.start), project(rod.end)
         line = f'x1="{x:.2f}" y1="{y:.2f}" x2="{u:.2f}" y2="{v:.2f}"'
         svg.append(f'<line {line} stroke="{palette.END_EFFECTOR}" stroke-width="{2 * width:.4g}"/>')
-    u, v = project(poses.end_effector)
-    svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
-    labels = [*((str(i), p) for i, p in enumerate(poses.p)), ("E", poses.end_effector), ("+", poses.p_com)]
-    svg += [_text(*project(p), text, size / 18) for text, p in labels]
+    svg.append(_text(*project(poses.p_com), "+", size / 18))
+    for text, point in (*((str(i), p) for i, p in enumerate(poses.p)), ("E", poses.end_effector)):
+        x, y = project(point)
+        svg.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="{size / 30:.4g}" fill="#111"/>')
+        svg.append(_text(x, y + size / 75, text, size / 25).replace(">", ' font-weight="bold" fill="#fff">', 1))
     return "".join([*svg, "</svg>"])
 
 
