@@ -126,7 +126,7 @@ class ReducedSearch:
         """Effort at a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        self._in_air = _limits_air(task)
+        self._in_air = any(exposure.speed is not None for exposure in task.exposure)
         self._max_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def minima_of_starts(self, starts: Sequence[int], *, deep: bool = False) -> tuple[list[Descent], list[Descent]]:
@@ -242,9 +242,8 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     best, _ = local_minima(problem, draw_starts(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
     if lazy_rows:  # with rows for all that they limit
-        AssembledProgram(
-            point.task, tree, (), {kind: kind.select(point, everything=True) for kind in lazy_rows}
-        ).polish(point)
+        selections = {kind: kind.select(point, everything=True) for kind in lazy_rows}
+        AssembledProgram(point.task, tree, (), selections).polish(point)
 
 
 def solve_starts(
@@ -288,10 +287,6 @@ def solve_starts(
             result = search.without_polish(minimum)
             by_start |= {start: replace(result, start=start) for start in unpolished}
     return [by_start[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
-
-
-def _limits_air(task: ResolvedTask) -> bool:
-    return any(exposure.speed is not None for exposure in task.exposure)
 
 
 def _with_starts(minima: list[Descent], starts: Sequence[int]) -> list[Descent]:

@@ -24,7 +24,17 @@ def torque(case: str) -> str:
     return f"{case}, torque"
 
 
-def rotor_airflow(i: int, j: int) -> str:
+def airflow(i: int, j: int, _: int | None = None) -> str:
+    """Name the clearance of two airflow envelopes."""
+    return f"airflow of modules {i} and {j}"
+
+
+def separation(i: int, j: int, _: int | None = None) -> str:
+    """Name the distance of two module centres."""
+    return f"separation of modules {i} and {j}"
+
+
+def rotor_airflow(i: int, j: int, _: int | None = None) -> str:
     """Name the clearance of module i's rotors and other parts from the airflow of module j."""
     return f"rotors of module {i} and airflow of module {j}"
 

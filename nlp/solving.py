@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property, partial
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from nlp.features import prove_impossible, pseudo_inverse_constraints
 from nlp.lazy_solve import judge, solve_lazily, without_corners
 from nlp.numbers.point import Point, weigh_rod
 from nlp.reduced import REDUCED_UP_TO, reason_against
+from nlp.requirements.bodies import divide
 from nlp.requirements.rod import rod_of
 from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
@@ -191,15 +193,8 @@ class Solve:
         else:
             from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
-            results = solve_starts(
-                free,
-                self.topology,
-                self.starts,
-                self.seed,
-                self.near,
-                constraints=self.constraints,
-                most_effort=self.most_effort,
-            )
+            options: dict[str, Any] = {"constraints": self.constraints, "most_effort": self.most_effort}
+            results = solve_starts(free, self.topology, self.starts, self.seed, self.near, **options)
         if self.task.search.hinge_set_deg is None:
             return results
         from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
@@ -211,8 +206,7 @@ class Solve:
         plain, results = without_corners(task), []
         origins: list[tuple[int, Callable[..., Point]]]
         origins = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
-        origins += [(s, draw) for s in self.starts]
-        for s, sample in origins:
+        for s, sample in [*origins, *((s, draw) for s in self.starts)]:
             origin = sample(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
             results.append(solve_lazily(task, s, origin, self.constraints, far=True))
         return results
@@ -238,10 +232,9 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
     default_reach = task.declared.end_effector.model_copy(update={"largest_reach": None})
     narrower = task.declared.model_copy(update={"end_effector": default_reach})
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
-    distance = (
-        np.linalg.norm(least_violated.tip - least_violated.poses[1], axis=1).min() - task.module.connector_distance
-    )
-    return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
+    nearest = np.linalg.norm(least_violated.tip - least_violated.poses[1], axis=1).min()
+    distance = min(nearest - task.module.connector_distance, allowed or np.inf)
+    return narrower if reach is not None and reach < distance else None
 
 
 def design_of(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
@@ -267,9 +260,9 @@ def _geometry(point: Point) -> Geometry:
         task=task,
         topology=point.topology,
         topology_key=point.topology.key,
-        root_orientation_rad=_vector(point.root),
+        root_orientation_rad=divide(point.root, 1.0),
         hinge_angles_rad=tuple(point.alpha.tolist()),
-        end_effector_m=_vector(point.tip),
+        end_effector_m=divide(point.tip, 1.0),
         mount=rod and Mount(module=rod.module, port=rod.port),
     )
 
@@ -288,11 +281,6 @@ def _infeasible(results: Sequence[StartResult], best: StartResult, record: Solve
     violations = (result.worst for result in results)
     shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in violations)
     return closest.with_starts(shortfalls, record)
-
-
-def _vector(values: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 @cache

@@ -87,13 +87,9 @@ def _closest_points(
     """Return the closest points of each check's sides in W [m]; for a minimum distance, the ball centres."""
 
     def points(check: AnyCheck, certificate: Certificate) -> Array:
-        body, against = check.body, check.against
-        if (
-            check.kind in ("separation", "exclusion")
-            and isinstance(body, RoundBody)
-            and isinstance(against, RoundBody)
-        ):
-            return np.stack([body.body.o, against.body.o])
+        A, B, has_centres = check.body, check.against, check.kind in ("separation", "exclusion")
+        if has_centres and isinstance(A, RoundBody) and isinstance(B, RoundBody):
+            return np.stack([A.body.o, B.body.o])
         return np.full((2, 3), np.nan) if certificate.closest is None else certificate.closest
 
     pairs = [points(check, certificate) for check, certificate in zip(checks, certificates, strict=True)]

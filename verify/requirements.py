@@ -72,9 +72,8 @@ class Scene:
     @property
     def in_range(self) -> bool:
         """True if all coordinates are precise enough for a proof."""
-        return all(module.in_range for module in self.modules) and bool(
-            np.all(np.abs(self.tip) < LARGEST_COORDINATE / 16)
-        )
+        is_tip_near = bool(np.all(np.abs(self.tip) < LARGEST_COORDINATE / 16))
+        return is_tip_near and all(module.in_range for module in self.modules)
 
     def straight_rod(self, mount: Mount) -> StraightRod:
         """Return the rod from a free connector."""
@@ -88,9 +87,8 @@ class Scene:
         task, pairs = self.design.task, list(combinations(range(len(self.centres)), 2))
         kind = task.search.interference
         for a, b in pairs if kind != "parts" else ():
-            yield ClearanceRequirement(
-                "airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow"
-            )
+            sides = self.envelopes[a], self.envelopes[b]
+            yield ClearanceRequirement("airflow", a, b, *sides, counts=kind == "airflow")
         for number, exposure in enumerate(task.exposure):
             for segment, region in self.regions(exposure) if exposure.geometry else ():
                 for a, envelope in enumerate(self.region_envelopes):

@@ -79,31 +79,17 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
     airflow, ablation = (task.search.interference == rule for rule in ("airflow", "separation"))
     if airflow:
-        formulas = (AirflowClearance(air, air),)
-        yield Requirement(
-            4,
-            lambda i, j, _: f"airflow of modules {i} and {j}",
-            _pairs(pairs),
-            formulas,
-            margin,
-            near=NEAR_ENVELOPE,
-        )
+        yield Requirement(4, names.airflow, _pairs(pairs), (AirflowClearance(air, air),), margin, NEAR_ENVELOPE)
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
         separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(FROM_J, distance / unit, ModuleObstacle)
         for enough, group in groupby(separated, lambda pair: _centre_margin(task, int(topology.distances[pair]))):
-            yield Requirement(
-                5,
-                lambda i, j, _: f"separation of modules {i} and {j}",
-                _pairs(list(group)),
-                (formula,),
-                enough / unit,
-            )
+            yield Requirement(5, names.separation, _pairs(list(group)), (formula,), enough / unit)
     if task.parts_off_airflow:
         parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
         near = NEAR_PARTS if airflow else NEAR_ENVELOPE
-        yield Requirement(6, lambda i, j, _: names.rotor_airflow(i, j), _pairs(pairs), parts, margin, near=near)
+        yield Requirement(6, names.rotor_airflow, _pairs(pairs), parts, margin, near)
 
 
 def _centre_margin(task: ResolvedTask, hinges: int) -> float:

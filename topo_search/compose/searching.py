@@ -176,8 +176,8 @@ def search(
         engine.prepare(nlp.prepare, base_task, observer.note)
         deadline = time.monotonic() + time_limit
 
-    def prove_best(gap: float) -> Answer:
-        return _prove(path, engine, listener, gap=gap, time_limit=deadline - time.monotonic())
+    def prove_best() -> Answer:
+        return _prove(path, engine, listener, gap=prove, time_limit=deadline - time.monotonic())
 
     live_page: AbstractContextManager[Observer] = nullcontext(observer)
     if live:
@@ -195,7 +195,7 @@ def search(
             time_limit=time_limit,
             prepare=prepare,
             report=write_page,
-            prove=None if prove is None else lambda: prove_best(prove),
+            prove=None if prove is None else prove_best,
             after_size=[] if keep_within is None else [partial(keep_optima, percent=keep_within)],
         )
 
@@ -245,16 +245,8 @@ def prove(
     _refuse_gap("gap", gap)
     observer = observer or SilentObserver()
     with open_engine(workers, dask, observer) as engine:
-        return _prove(
-            Path(folder),
-            engine,
-            observer,
-            gap=gap,
-            key=topology,
-            problem=problem,
-            source_run=None if lender is None else Path(lender),
-            time_limit=time_limit,
-        )
+        options = {"gap": gap, "key": topology, "problem": problem, "time_limit": time_limit}
+        return _prove(Path(folder), engine, observer, source_run=lender and Path(lender), **options)
 
 
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:

@@ -248,14 +248,8 @@ class _Worker(SpawnProcess):
 
 def _preparation(name: str) -> dict[str, Any]:
     """Return what a worker has to know, which is nothing of `__main__`, whatever that may be."""
-    return {
-        "name": name,
-        "authkey": current_process().authkey,
-        "sys_path": sys.path,
-        "sys_argv": sys.argv,
-        "dir": os.getcwd(),
-        "start_method": "spawn",
-    }
+    process = {"name": name, "authkey": current_process().authkey, "dir": os.getcwd(), "start_method": "spawn"}
+    return {**process, "sys_path": sys.path, "sys_argv": sys.argv}
 
 
 class _Context(SpawnContext):
@@ -318,9 +312,8 @@ class Workers(Engine):
                 if self._pool is not None and not self._pool.active:  # it lost an idle worker, or could start none
                     self.stop()
                     if (breaks := breaks + 1) > 2:
-                        raise WorkersLost(
-                            f"{breaks} times in a row worker processes ended before they finished a job"
-                        )
+                        rule = "times in a row worker processes ended before they finished a job"
+                        raise WorkersLost(f"{breaks} {rule}")
                     waiting.extendleft(running.values())
                     running.clear()
                 while len(running) < 2 * self.count:
@@ -364,9 +357,8 @@ class Workers(Engine):
                     "multiprocessing.Pool, and start Dask workers with DASK_DISTRIBUTED__WORKER__DAEMON=False"
                 )
                 raise WorkersLost(rule)
-            self._pool = ProcessPool(
-                self.count, initializer=prepare_child, initargs=(os.getpid(),), context=_Context()
-            )
+            start: dict[str, Any] = {"initializer": prepare_child, "initargs": (os.getpid(),)}
+            self._pool = ProcessPool(self.count, context=_Context(), **start)
             try:
                 with _interrupts_blocked():
                     self._pool.active  # noqa: B018 (starts it)

@@ -82,21 +82,11 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         hover[i][j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
         millimetres = lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
         cell_texts.append((columns[j], str(i), millimetres, palette.IN_CELLS[level]))
-    heat = {
-        "type": "heatmap",
-        "z": levels,
-        "x": list(columns),
-        "y": [str(i) for i in range(n)],
-        "customdata": hover,
-        "hovertemplate": "%{customdata}<extra></extra>",
-        "hoverongaps": False,
-        "xgap": 1,
-        "ygap": 1,
-        "colorscale": [(k / 3, colour) for level, colour in enumerate(colours) for k in (level, level + 1)],
-        "zmin": 0,
-        "zmax": 2,
-        "showscale": False,
-    }
+    cells_drawn = {"z": levels, "x": list(columns), "y": [str(i) for i in range(n)], "customdata": hover}
+    tooltip = {"hovertemplate": "%{customdata}<extra></extra>", "hoverongaps": False, "xgap": 1, "ygap": 1}
+    scale = [(k / 3, colour) for level, colour in enumerate(colours) for k in (level, level + 1)]
+    look = {"colorscale": scale, "zmin": 0, "zmax": 2, "showscale": False}
+    heat = {"type": "heatmap", **cells_drawn, **tooltip, **look}
     texts = []
     if cell_texts and max(n, len(columns)) <= MAX_NUMBERED:
         x, y, text, colours_of_text = (list(column) for column in zip(*cell_texts, strict=True))

@@ -50,36 +50,24 @@ def render(page: dict[str, Any]) -> str:
     pictured, judged = (design, audit) if page["miss"] is None else (page["miss"]["design"], page["miss"]["audit"])
     # in order of execution
     scripts = ("figures", "labels", "stage", "air", "view", "comparison", "choice", "ranking", "page")
+    functions = (shared_meshes, task_warnings, thumbnail, to_toml, tree_svg, Table)
+    modules = (charts, design_part, headline, task_facts, wording)
+    called = {each.__name__.rpartition(".")[2]: each for each in (*functions, *modules)}
     environment.filters |= {"json": lambda value: Markup(json_in_script(value)), "code": mark_code}
+    plotly_white = json.loads(_content("plotly", "package_data/templates/plotly_white.json"))
     return environment.get_template("page.html.j2").render(
         page=page,
         design=design,
         audit=audit,
         pictured=pictured,
-        drawn=None
-        if pictured is None
-        else view(pictured, poses_to_draw(pictured), judged, forces=pictured is design),
-        # modules and functions that the template calls
-        charts=charts,
-        design_part=design_part,
-        headline=headline,
-        task_facts=task_facts,
-        wording=wording,
-        shared_meshes=shared_meshes,
-        task_warnings=task_warnings,
-        thumbnail=thumbnail,
-        to_toml=to_toml,
-        tree_svg=tree_svg,
-        Table=Table,
-        palette=palette,
+        drawn=pictured and view(pictured, poses_to_draw(pictured), judged, forces=pictured is design),
         FIRST_TILES=6,  # as many as fit beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
-        look={
-            "template": json.loads(_content("plotly", "package_data/templates/plotly_white.json")),
-            **PLOTLY_LAYOUT,
-        },
+        look={"template": plotly_white, **PLOTLY_LAYOUT},
         libraries=_libraries(),
+        palette=palette,
+        **called,
     )
 
 

@@ -150,6 +150,7 @@ def fly_all(
     outcomes = (result.outcome for result in results if result.counts and result.outcome)
     outcome: Outcome = min(outcomes, key=get_args(Outcome).index, default="not flown")
     rod_mass = model.mass - design.task.total_mass(design.topology.n)
+    losses = (describe_losses(model, wakes),) if any(wakes) else ()
     downwash_note = (
         "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air "
         "model); against all others it relies on the airflow envelopes of the audit."
@@ -179,10 +180,7 @@ def fly_all(
                 "attitude_bandwidth_rad_s": Controller.omega_a,
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
-            notes=(
-                downwash_note if options.wake else NO_DOWNWASH,
-                *([describe_losses(model, wakes)] if any(wakes) else []),
-            ),
+            notes=(downwash_note if options.wake else NO_DOWNWASH, *losses),
         ),
         tuple(flown),
     )

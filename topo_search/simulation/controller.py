@@ -31,7 +31,7 @@ import numpy as np
 
 from topo_search.export.allocation import TORQUE_FIRST
 from topo_search.model.arrays import Array
-from topo_search.simulation.plant import Nominal, cross
+from topo_search.simulation.plant import Nominal, State, cross
 
 INTEGRAL_RATIO = 8.0
 """Time constant of the integral action over that of the loop."""
@@ -81,7 +81,7 @@ class Controller:
     integral_p: Array = field(default_factory=lambda: np.zeros(3))
     integral_R: Array = field(default_factory=lambda: np.zeros(3))
 
-    def wrench(self, state: tuple[Array, Array, Array, Array], reference: Reference) -> Array:
+    def wrench(self, state: State, reference: Reference) -> Array:
         """Return F in body axes and tau about the COM, (6,)."""
         p, v, R, omega = state
         m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
@@ -98,7 +98,7 @@ class Controller:
         tau = J @ alpha + cross(omega, J @ omega) + R.T @ reference.wrench[3:]
         return np.concatenate([R.T @ F, tau])
 
-    def integrate(self, state: tuple[Array, Array, Array, Array], reference: Reference, is_produced: bool) -> None:
+    def integrate(self, state: State, reference: Reference, is_produced: bool) -> None:
         """Integrate small errors, unless the rotors failed to produce the commanded wrench."""
         p, _, R, _ = state
         e_p, e_R = reference.errors(p, R)

@@ -16,7 +16,7 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Controller, Reference
-from topo_search.simulation.plant import LAG, STEP, ModelErrors, Nominal, Plant, in_wakes, orientation
+from topo_search.simulation.plant import LAG, STEP, ModelErrors, Nominal, Plant, State, in_wakes, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
 
@@ -213,9 +213,7 @@ def _record(
     track.missing.append(missing)
 
 
-def _add_noise(
-    state: tuple[Array, Array, Array, Array], factor: float, rng: np.random.Generator
-) -> tuple[Array, Array, Array, Array]:
+def _add_noise(state: State, factor: float, rng: np.random.Generator) -> State:
     """Return a state with sensor noise."""
     p, v, R, omega = state
     deviations = 1e-3, 5e-3, math.radians(0.1), math.radians(0.5)  # [m], [m/s], [rad], [rad/s]

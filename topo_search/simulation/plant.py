@@ -28,6 +28,8 @@ from topo_search.model.mesh import rotation_to
 from verify.flight.joints import inertia
 from verify.kinematics import platform
 
+State = tuple[Array, Array, Array, Array]
+"""Position and velocity of the nominal COM in the world, orientation, rates in body axes."""
 STEP = 0.001
 """Time step of the simulation [s]."""
 LAG = 0.05
@@ -140,8 +142,8 @@ class Plant:
         return orientation(self.data.qpos[3:7])
 
     @property
-    def state(self) -> tuple[Array, Array, Array, Array]:
-        """Position and velocity of the nominal COM in the world, orientation, rates in body axes."""
+    def state(self) -> State:
+        """The platform's state."""
         R, c, omega = self.R, self.nominal.com, self.data.qvel[3:6].copy()
         return self.data.qpos[:3] + R @ c, self.data.qvel[:3] + R @ cross(omega, c), R, omega
 

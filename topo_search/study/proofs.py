@@ -121,12 +121,8 @@ def _sound_proofs(folder: RunFolder, n: int) -> Iterator[Proof]:
     clear = {row.key: row for row in folder.ledger.ranking(n) if row.clear}
     for name, proof in proofs.items():
         design, objective = clear.get(proof.topology_key), objective_of(proof.task)
-        if (
-            proof.task.n == n
-            and proof.complete
-            and design is not None
-            and floor_of(proof.task, design) < proof.level
-        ):
+        is_concerned = proof.complete and proof.task.n == n
+        if is_concerned and design is not None and floor_of(proof.task, design) < proof.level:
             rule = (
                 f"proves {objective.claim(proof.bound)} of a tree with an audited design of "
                 f"{objective.number(design)!r}: remove it, and run `topo-search prove` again"
@@ -207,9 +203,8 @@ def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
             )
         return replace(size, proven=sentence, proof_resumable=resumable)
     bounds = [state.proven_bound for state in states.values() if state.proven_bound is not None]
-    gap, claim, scope = claim_of(
-        folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
-    )
+    problems = [proof.problem for key, proof in proofs.items() if key in states]
+    gap, claim, scope = claim_of(folder, best, bounds, problems)
     return replace(
         size,
         statement=proven_statement(size.candidates, gap, folder.request.contexts(n)[0].task.attitude),
@@ -257,9 +252,8 @@ def sizes_with_best(folder: RunFolder, key: str | None) -> list[tuple[int, Row, 
     Raises:
         BadInput: no row has the key, or no size has such a design.
     """
-    rows = {
-        n: [row for row in folder.ledger.ranking(n) if key in (None, row.key)] for n in folder.request.task.sizes
-    }
+    ranking, sizes_asked = folder.ledger.ranking, folder.request.task.sizes
+    rows = {n: [row for row in ranking(n) if key in (None, row.key)] for n in sizes_asked}
     if key is not None and not any(rows.values()):
         raise BadInput(str(folder.path), f"has no candidate {key}")
     best = ((n, folder.ledger.best_clear(n)) for n in rows)

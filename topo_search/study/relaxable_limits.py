@@ -235,32 +235,20 @@ def _move_planes(e: int, movable: Sequence[int], whole: float, task: Task, share
 
 def _switches(task: Task, n: int) -> Iterator[Relaxable]:
     """Yield the limits that can only be kept or dropped."""
-    search = task.search
-    field_of_set = "hinge_step_deg" if search.hinge_angles_deg is None else "hinge_angles_deg"
-    is_fixed = task.end_effector.fixed_position is not None
-    freed: tuple[tuple[str, str, bool, Callable[[Task, float], Task]], ...] = (
-        (
-            "orientation of the root",
-            'search.root = "free"',
-            search.root == "paper",
-            lambda task, _: task.with_fields("search", root="free"),
-        ),
-        (
-            "set of hinge angles",
-            f"search.{field_of_set} left out",
-            search.hinge_set_deg is not None,
-            lambda task, _: task.model_copy(update={"search": task.search.any_angle}),
-        ),
-        (
-            "position of the end-effector",
-            'end_effector.position = "free"',
-            is_fixed,
-            lambda task, _: task.with_fields("end_effector", position="free"),
-        ),
-    )
-    for limit, field, applies, free in freed:
-        if applies:
-            yield Relaxable(task, n, limit, field, "freeing it", 1.0, free, is_switch=True)
+
+    def switch(limit: str, field: str, free: Callable[[Task], Task]) -> Relaxable:
+        return Relaxable(task, n, limit, field, "freeing it", 1.0, lambda task, _: free(task), is_switch=True)
+
+    if task.search.root == "paper":
+        field = 'search.root = "free"'
+        yield switch("orientation of the root", field, lambda task: task.with_fields("search", root="free"))
+    if task.search.hinge_set_deg is not None:
+        field = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
+        free = {"search": task.search.any_angle}
+        yield switch("set of hinge angles", f"search.{field} left out", lambda task: task.model_copy(update=free))
+    if task.end_effector.fixed_position is not None:
+        name, field = "position of the end-effector", 'end_effector.position = "free"'
+        yield switch(name, field, lambda task: task.with_fields("end_effector", position="free"))
 
 
 def _loads(task: Task, n: int) -> Iterator[Relaxable]:

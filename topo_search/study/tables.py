@@ -45,17 +45,8 @@ def candidates(path: Path) -> pd.DataFrame:
         BadInput: it is not a run folder.
     """
     frame = _frame(path, COLUMNS, _cells)
-    numbers = (
-        "objective",
-        "lower_bound",
-        "gap",
-        "violation",
-        *FLIGHT,
-        *AUDIT_FIGURES,
-        "proven_bound",
-        "proven_gap",
-        *("value", "value_bound", "reach"),
-    )
+    bounds = ("objective", "lower_bound", "gap", "violation", "proven_bound", "proven_gap")
+    numbers = (*bounds, *FLIGHT, *AUDIT_FIGURES, "value", "value_bound", "reach")
     return frame.astype(dict.fromkeys(numbers, "float64"))
 
 
@@ -77,9 +68,8 @@ def solves(path: Path) -> pd.DataFrame:
     """Return the solves in the order of completion; see `Answer.solves`."""
     columns = [field.name for field in fields(SolveEvent)]
     frame = _frame(path, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
-    return frame.astype({"objective": "float64", "value": "float64"}).sort_values(
-        "at", kind="stable", ignore_index=True
-    )
+    frame = frame.astype({"objective": "float64", "value": "float64"})
+    return frame.sort_values("at", kind="stable", ignore_index=True)
 
 
 def front_table(points: Sequence[FrontPoint]) -> pd.DataFrame:
@@ -123,10 +113,8 @@ def size_html(size: SizeAnswer) -> str:
     remarks = (size.quotient, *size.remarks, *([size.reason] if size.reason else []), *relaxed)
     html = title + (table(names, rows) if rows else "")
     if len(size.near_ties) > 1:
-        ties = [
-            (row.key, number(row), *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
-            for row in size.near_ties
-        ]
+        cells = ([proven_cell(name, getattr(row, name)) for name in FLIGHT] for row in size.near_ties)
+        ties = [(row.key, number(row), *figures) for row, figures in zip(size.near_ties, cells, strict=True)]
         html += heading(f"within {100 * NEAR_BEST:g} % of the {size.objective.least}, largest force reserve first")
         html += table(("key", size.objective.column, *FLIGHT), ties)
     return html + "".join(paragraph(text) for text in remarks)
@@ -137,12 +125,8 @@ def answer_html(answer: Answer) -> str:
     if answer.levels:
         columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
         names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
-        rows = [
-            tuple(
-                point.cells[name] if name == "objective" else proven_cell(name, point.cells[name]) for name in names
-            )
-            for point in answer.points
-        ]
+        cells = [[(name, point.cells[name]) for name in names] for point in answer.points]
+        rows = [[x if name == "objective" else proven_cell(name, x) for name, x in row] for row in cells]
         html = heading(f"front of {len(answer.points)} designs, found at {len(answer.levels)} levels")
         return html + table(columns, rows) + paragraph(f"everything is in {answer.folder}")
     return "".join(size_html(size) for size in answer.sizes) + paragraph(f"everything is in {answer.folder}")
