@@ -60,6 +60,7 @@ MAX_REDUCED, MAX_FULL = 4096, 48
 
 Combination = tuple[int, ...]
 """Index into the set for each hinge."""
+Results = Sequence[StartResult]
 Minimum = TypeVar("Minimum", Descent, StartResult)
 
 
@@ -151,11 +152,7 @@ class _Set:
 
 
 def solve_on_set(
-    task: ResolvedTask,
-    topology: Topology,
-    free: Sequence[StartResult],
-    constraints: UserConstraints = (),
-    most_effort: float | None = None,
+    task: ResolvedTask, topology: Topology, free: Results, constraints: UserConstraints, most_effort: float | None
 ) -> list[StartResult]:
     """Return the result of each start with hinge angles from the task's set, or if there is none, with free angles.
 
@@ -185,7 +182,7 @@ def solve_on_set(
 def near_optima(
     task: ResolvedTask,
     topology: Topology,
-    free: Sequence[StartResult],
+    free: Results,
     constraints: UserConstraints,
     most_effort: float | None = None,
 ) -> tuple[list[StartResult], dict[int, list[int]]]:
@@ -255,11 +252,7 @@ def _search(
 
 
 def _solve_reduced(
-    task: ResolvedTask,
-    topology: Topology,
-    optima: Sequence[StartResult],
-    constraints: UserConstraints,
-    most_effort: float | None,
+    task: ResolvedTask, topology: Topology, optima: Results, constraints: UserConstraints, most_effort: float | None
 ) -> list[StartResult]:
     """Return the best combinations that the compiled search finds, made exact."""
     search, angles = ReducedSearch(task, topology, 0, constraints, most_effort), _Set(task, topology)
@@ -278,11 +271,7 @@ def _solve_reduced(
 
 
 def _solve_full(
-    task: ResolvedTask,
-    topology: Topology,
-    optima: Sequence[StartResult],
-    constraints: UserConstraints,
-    most_effort: float | None,
+    task: ResolvedTask, topology: Topology, optima: Results, constraints: UserConstraints, most_effort: float | None
 ) -> list[StartResult]:
     """Return the best combinations that Ipopt finds."""
     angles, free = _Set(task, topology), {result.start: result for result in optima}

@@ -144,13 +144,9 @@ class ReducedSearch:
         min_minima = POLISHING.constrained.maximum if self._constraints else SELECTION.min_minima
         if (self._cornered and not deep) or self._max_merit is not None:
             min_minima = len(points)
-        best, stopped = local_minima(
-            self.problem,
-            points,
-            STIFF if deep else (FIRST, SECOND),
-            min_minima=min_minima,
-            min_starts=SELECTION.min_starts_in_air if self._in_air else SELECTION.min_starts,
-        )
+        phases, enough = STIFF if deep else (FIRST, SECOND), SELECTION.min_starts
+        enough = SELECTION.min_starts_in_air if self._in_air else enough
+        best, stopped = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=enough)
         return _with_starts(best, starts), _with_starts(stopped, starts)
 
     def minima_of_sources(self, near: Sequence[Design]) -> list[Descent]:

@@ -159,14 +159,13 @@ def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack:
     start, end, face, _ = sphere.edges[at_last[sphere.edges[:, 2]] != at_last[sphere.edges[:, 3]]].T
     # Orient every bridged edge as in its face at the first end.
     start, end = np.where(at_last[face], end, start), np.where(at_last[face], start, end)
-    triangles = np.concatenate(
-        [
-            sphere.triangles[~at_last],
-            sphere.triangles[at_last] + v,
-            np.stack([end, start, start + v], axis=1),
-            np.stack([end, start + v, end + v], axis=1),
-        ]
-    )
+    faces = [
+        sphere.triangles[~at_last],
+        sphere.triangles[at_last] + v,
+        np.stack([end, start, start + v], axis=1),
+        np.stack([end, start + v, end + v], axis=1),
+    ]
+    triangles = np.concatenate(faces)
     # FCL walks from vertex to vertex along faces and gets stuck on a vertex without any.
     used_vertices, renumbered = np.unique(triangles, return_inverse=True)
     return ConvexMesh(np.concatenate([first, last])[used_vertices], renumbered.reshape(-1, 3))

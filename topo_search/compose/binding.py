@@ -77,12 +77,11 @@ class SolverAndAudit:
         checks = nlp.check_user_constraints(self.constraints, design, **poses)
         names = {check.name for check in checks}
         missed = any(check.status == "missed" for check in checks)
-        return audited.model_copy(
-            update={
-                "stated": (*checks, *(check for check in audited.stated if check.name not in names)),
-                "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
-            }
-        )
+        judged = {
+            "stated": (*checks, *(check for check in audited.stated if check.name not in names)),
+            "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
+        }
+        return audited.model_copy(update=judged)
 
     def _options(self, job: Job) -> dict[str, Any]:
         return {"starts": job.starts, "seed": job.seed, "near": job.near, "constraints": self.constraints}

@@ -202,17 +202,16 @@ def _describe(
     changes = []
     for before, after in pairwise(chosen):
         part = shared_part(before, after)
-        changes.append(
-            Change(
-                before=before.task.name,
-                after=after.task.name,
-                undo=before.topology.n - len(part),
-                bolt=after.topology.n - len(part),
-                undo_steps=growing_steps(before, part)[::-1],
-                bolt_steps=growing_steps(after, part.values()),
-                stay=tuple(sorted(part.items())),
-            )
+        change = Change(
+            before=before.task.name,
+            after=after.task.name,
+            undo=before.topology.n - len(part),
+            bolt=after.topology.n - len(part),
+            undo_steps=growing_steps(before, part)[::-1],
+            bolt_steps=growing_steps(after, part.values()),
+            stay=tuple(sorted(part.items())),
         )
+        changes.append(change)
     return SharedKit(
         within_percent=within,
         modules=max(design.topology.n for design in chosen),

@@ -13,13 +13,15 @@ import pickle
 import re
 import threading
 import time
-from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from topo_search.engine.workers import (
+    Call,
+    Deadline,
     Engine,
     Failed,
     Item,
+    Jobs,
     Note,
     Preparation,
     Result,
@@ -100,12 +102,7 @@ class DaskWorkers(Engine):
             pass
 
     def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
+        self, function: Call[Item, Result], jobs: Jobs[Item], *, deadline: Deadline[Item], until: float = math.inf
     ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end; at most two jobs per thread of the Dask workers are drawn in advance."""
         from distributed import as_completed

@@ -54,6 +54,9 @@ class WorkersLost(RuntimeError):
     """No worker can run jobs: all die before they finish one, or cannot be reached."""
 
 
+Call = Callable[[Item], Result]
+Jobs = Iterable[Item | None]
+Deadline = Callable[[Item], float]
 Results = Generator[tuple[Item, Result | Failed], None, None]
 Note = Callable[[str], None]
 Preparation = Callable[[Item, Note], object]
@@ -75,12 +78,7 @@ class Engine(ABC):
 
     @abstractmethod
     def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
+        self, function: Call[Item, Result], jobs: Jobs[Item], *, deadline: Deadline[Item], until: float = math.inf
     ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end, in any order.
 
@@ -199,14 +197,13 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
     best_record = record_of(best)
     if best_record is None:
         return best
-    record = best_record.model_copy(
-        update={
-            "starts": sum(record.starts for record in records),
-            "starts_feasible": sum(record.starts_feasible for record in records),
-            "objectives": tuple(J for record in records for J in record.objectives),
-            "seconds": sum(record.seconds for record in records),
-        }
-    )
+    sums = {
+        "starts": sum(record.starts for record in records),
+        "starts_feasible": sum(record.starts_feasible for record in records),
+        "objectives": tuple(J for record in records for J in record.objectives),
+        "seconds": sum(record.seconds for record in records),
+    }
+    record = best_record.model_copy(update=sums)
     if isinstance(best, Design):
         return best.model_copy(update={"solver": record.model_dump(mode="json")})
     results = [result for result in (earlier, later) if isinstance(result, Infeasible)]
@@ -263,12 +260,7 @@ class CallingProcess(Engine):
     """
 
     def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
+        self, function: Call[Item, Result], jobs: Jobs[Item], *, deadline: Deadline[Item], until: float = math.inf
     ) -> Results[Item, Result]:
         """Yield (job, result) in order."""
         for job in jobs:
@@ -297,12 +289,7 @@ class Workers(Engine):
         self._pool: ProcessPool | None = None
 
     def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
+        self, function: Call[Item, Result], jobs: Jobs[Item], *, deadline: Deadline[Item], until: float = math.inf
     ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end; at most two jobs per worker are drawn in advance."""
         pending, breaks = iter(jobs), 0

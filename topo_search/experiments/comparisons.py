@@ -73,24 +73,23 @@ def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
             if solved.empty:
                 continue
             ratio = (efforts / best[names[0]]).dropna()
-            table.append(
-                {
-                    **dict(zip(PROBLEM, problem, strict=True)),
-                    "variant": name,
-                    "topologies": len(solved),
-                    "share_solved": (solved["status"] == "feasible").mean(),
-                    "share_clear": (solved["verdict"] == "clear").mean(),
-                    "trees": solved["key"].map(tree_of).nunique(),
-                    "trees_solved": int(efforts.notna().sum()),
-                    "trees_compared": len(ratio),
-                    "effort_ratio_median": ratio.median(),
-                    "effort_ratio_max": ratio.max(),
-                    "best_ratio": same_task * efforts.min() / best[names[0]].min(),
-                    "best_gap": same_task * solved.nsmallest(1, "objective")["gap"].min(),
-                    "gap_median": solved["gap"].median(),
-                    "offset_median_m": solved["offset_m"].median(),
-                }
-            )
+            row = {
+                **dict(zip(PROBLEM, problem, strict=True)),
+                "variant": name,
+                "topologies": len(solved),
+                "share_solved": (solved["status"] == "feasible").mean(),
+                "share_clear": (solved["verdict"] == "clear").mean(),
+                "trees": solved["key"].map(tree_of).nunique(),
+                "trees_solved": int(efforts.notna().sum()),
+                "trees_compared": len(ratio),
+                "effort_ratio_median": ratio.median(),
+                "effort_ratio_max": ratio.max(),
+                "best_ratio": same_task * efforts.min() / best[names[0]].min(),
+                "best_gap": same_task * solved.nsmallest(1, "objective")["gap"].min(),
+                "gap_median": solved["gap"].median(),
+                "offset_median_m": solved["offset_m"].median(),
+            }
+            table.append(row)
     return pd.DataFrame(table)
 
 

@@ -19,7 +19,7 @@ themselves.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -43,21 +43,20 @@ def scaling_summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Return one row per method, distance, task and size; times and iterations are for trees with a design."""
     every, solved = rows.groupby([*SERIES, "n"]), _designs(rows).groupby([*SERIES, "n"])
     seconds = solved["seconds"]
-    return pd.DataFrame(
-        {
-            "trees": every.size(),
-            "share_solved": every["status"].agg(lambda status: (status == "feasible").mean()),
-            "share_clear": every["verdict"].agg(lambda verdict: (verdict == "clear").mean()),
-            "starts_median": solved["starts"].median(),
-            "seconds_median": seconds.median(),
-            "seconds_low_quartile": seconds.quantile(0.25),
-            "seconds_high_quartile": seconds.quantile(0.75),
-            "seconds_max": seconds.max(),
-            "iterations_median": solved["iterations"].median(),
-            "peak_mb": every["peak_mb"].max(),
-            "gap_median": solved["gap"].median(),
-        }
-    ).reset_index()
+    columns = {
+        "trees": every.size(),
+        "share_solved": every["status"].agg(lambda status: (status == "feasible").mean()),
+        "share_clear": every["verdict"].agg(lambda verdict: (verdict == "clear").mean()),
+        "starts_median": solved["starts"].median(),
+        "seconds_median": seconds.median(),
+        "seconds_low_quartile": seconds.quantile(0.25),
+        "seconds_high_quartile": seconds.quantile(0.75),
+        "seconds_max": seconds.max(),
+        "iterations_median": solved["iterations"].median(),
+        "peak_mb": every["peak_mb"].max(),
+        "gap_median": solved["gap"].median(),
+    }
+    return pd.DataFrame(columns).reset_index()
 
 
 def growth(rows: pd.DataFrame) -> pd.DataFrame:
@@ -98,23 +97,22 @@ def ablation_summary(rows: pd.DataFrame) -> pd.DataFrame:
     designs = _designs(rows).groupby(PROBLEM)
     pairs, deepest = designs["colliding_pairs"], designs["deepest_percent"]
     depths = _pairs(rows).groupby(PROBLEM)["depth_percent"]
-    return pd.DataFrame(
-        {
-            "trees": rows.groupby(PROBLEM).size(),
-            "designs": designs.size(),
-            "share_colliding": pairs.agg(lambda pairs: (pairs > 0).mean()),
-            "deepest_median_percent": deepest.median(),
-            "share_deepest_reached": deepest.agg(lambda depth: (depth >= REACHED).mean()),
-            "share_deepest_fully_reached": deepest.agg(lambda depth: (depth >= FULLY).mean()),
-            "pair_depth_median_percent": depths.median(),
-            "share_pairs_reached": depths.agg(lambda depth: (depth >= REACHED).mean()),
-            "cluster_median": designs["largest_cluster"].median(),
-            "cluster_share_median": designs["cluster_share"].median(),
-            "pairs_low_quartile": pairs.quantile(0.25),
-            "pairs_median": pairs.median(),
-            "pairs_high_quartile": pairs.quantile(0.75),
-        }
-    ).reset_index()
+    columns = {
+        "trees": rows.groupby(PROBLEM).size(),
+        "designs": designs.size(),
+        "share_colliding": pairs.agg(lambda pairs: (pairs > 0).mean()),
+        "deepest_median_percent": deepest.median(),
+        "share_deepest_reached": deepest.agg(lambda depth: (depth >= REACHED).mean()),
+        "share_deepest_fully_reached": deepest.agg(lambda depth: (depth >= FULLY).mean()),
+        "pair_depth_median_percent": depths.median(),
+        "share_pairs_reached": depths.agg(lambda depth: (depth >= REACHED).mean()),
+        "cluster_median": designs["largest_cluster"].median(),
+        "cluster_share_median": designs["cluster_share"].median(),
+        "pairs_low_quartile": pairs.quantile(0.25),
+        "pairs_median": pairs.median(),
+        "pairs_high_quartile": pairs.quantile(0.75),
+    }
+    return pd.DataFrame(columns).reset_index()
 
 
 def ablation_figure(rows: pd.DataFrame) -> Figure:
@@ -173,19 +171,12 @@ def draw(axes: Axes, rows: pd.DataFrame, column: str, sizes: Sequence[int]) -> N
     width = 0.8 / max(1, len(series))  # in steps between sizes
     for number, (name, group) in enumerate(series):
         colour = style(number)["color"]
-        axes.boxplot(
-            [group.loc[group["n"] == n, column].dropna().to_numpy(float) for n in sizes],
-            positions=[k + (number + 0.5) * width - 0.4 for k in range(len(sizes))],
-            label=name,
-            widths=0.8 * width,
-            whis=(0, 100),
-            manage_ticks=False,
-            patch_artist=True,
-            boxprops={"facecolor": (colour, 0.35), "edgecolor": colour},
-            medianprops={"color": colour, "linewidth": 1.6},
-            whiskerprops={"color": colour},
-            capprops={"color": colour},
-        )
+        style: dict[str, Any] = {"label": name, "whis": (0, 100), "manage_ticks": False, "patch_artist": True}
+        style |= {f"{part}props": {"color": colour} for part in ("whisker", "cap")}
+        style |= {"boxprops": {"facecolor": (colour, 0.35), "edgecolor": colour}, "widths": 0.8 * width}
+        positions = [k + (number + 0.5) * width - 0.4 for k in range(len(sizes))]
+        values = [group.loc[group["n"] == n, column].dropna().to_numpy(float) for n in sizes]
+        axes.boxplot(values, positions=positions, medianprops={"color": colour, "linewidth": 1.6}, **style)
     axes.set_xticks(range(len(sizes)), [str(n) for n in sizes])
     axes.set_xlabel("modules $n$")
     axes.grid(axis="y", alpha=0.3)

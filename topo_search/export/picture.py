@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
@@ -206,13 +206,8 @@ class Drawing:
         envelope = self.design.task.module.envelope
         far_centres = self.poses.p - envelope.length * self.poses.z
         radii = envelope.start_radius, envelope.end_radius
-        self._volumes(
-            [
-                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
-                for p, end in zip(self.poses.p, far_centres, strict=True)
-            ],
-            palette.AIRFLOW,
-        )
+        ends = zip(self.poses.p, far_centres, strict=True)
+        self._volumes([cone_sphere_outline(p, radii[0], end, radii[1], self.v) for p, end in ends], palette.AIRFLOW)
         rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
@@ -298,6 +293,9 @@ class Drawing:
         marks = np.stack([self.poses.p_com, self.poses.end_effector])
         halo = [patheffects.withStroke(linewidth=1.8, foreground="white")]  # readable on any background
         line = {"arrowstyle": "-", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "path_effects": halo}
+        wide_halo = [patheffects.withStroke(linewidth=2.5, foreground="white")]
+        style: dict[str, Any] = {"textcoords": "offset points", "fontsize": size, "ha": "center", "va": "center"}
+        style |= {"path_effects": wide_halo, "arrowprops": line, "zorder": 9}
         occupied = list(self._on_paper(np.concatenate([(self.poses.p + along).reshape(-1, 3), marks])))
         for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
             offset = next(
@@ -305,18 +303,7 @@ class Drawing:
                 size * LABEL_OFFSETS[-1],
             )
             occupied.append(on_paper + offset)
-            self.axes.annotate(
-                str(i),
-                on_axes,
-                xytext=tuple(offset),
-                textcoords="offset points",
-                fontsize=size,
-                ha="center",
-                va="center",
-                path_effects=[patheffects.withStroke(linewidth=2.5, foreground="white")],
-                arrowprops=line,
-                zorder=9,
-            )
+            self.axes.annotate(str(i), on_axes, xytext=tuple(offset), **style)
 
     def _project(self, points: Array) -> Array:
         x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())

@@ -111,16 +111,12 @@ def _material(solid: MeshCopies) -> Any:
     from trimesh.visual.material import PBRMaterial
 
     linear = [_linear(int(solid.colour[k : k + 2], 16) / 255) for k in (1, 3, 5)]
-    mode = "OPAQUE" if solid.opacity == 1 else "BLEND"
-    material = PBRMaterial(
-        name=solid.name,
-        baseColorFactor=[*linear, solid.opacity],
-        metallicFactor=0.0,
-        roughnessFactor=0.8,
-        alphaMode=mode,
-        doubleSided=True,
-    )
-    return TextureVisuals(material=material)
+    look: Any = {
+        "alphaMode": "OPAQUE" if solid.opacity == 1 else "BLEND",
+        "baseColorFactor": [*linear, solid.opacity],
+    }
+    look |= {"metallicFactor": 0.0, "roughnessFactor": 0.8, "doubleSided": True}
+    return TextureVisuals(material=PBRMaterial(name=solid.name, **look))
 
 
 def _linear(s: float) -> float:

@@ -114,16 +114,12 @@ def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[i
     centres = cells * np.array([1, -1])  # y points down on a page
     low, high = centres.min(axis=0) - 0.6, centres.max(axis=0) + 0.6
     width, height = high - low
-    svg = ElementTree.Element(
-        "svg",
-        {
-            "xmlns": "http://www.w3.org/2000/svg",
-            "viewBox": " ".join(f"{x:g}" for x in (*low, width, height)),
-            "role": "img",
-            "aria-label": f"tree of the {topology.n} modules, {topology.key}",
-            "style": f"width:{90 * width:.0f}px",
-        },
-    )
+    shown = {"viewBox": " ".join(f"{x:g}" for x in (*low, width, height)), "role": "img"}
+    words = {
+        "aria-label": f"tree of the {topology.n} modules, {topology.key}",
+        "style": f"width:{90 * width:.0f}px",
+    }
+    svg = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **shown, **words})
     for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
         endpoints = centres[[h, i]]
         (x1, y1), (x2, y2) = endpoints

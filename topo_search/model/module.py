@@ -250,14 +250,13 @@ class Module(Value):
         lengths: dict[str, Any] = {"start_radius": self.start_radius, "reach": self.reach}
         if (filled := self.region_airflow) is not None:
             lengths["regions"] = RegionAirflow(**filled._asdict())
-        return self.model_copy(
-            update={
-                "max_thrust": None,
-                "torque_to_thrust": None,
-                "airflow": self.airflow.model_copy(update=lengths),
-                "body": self.body.model_copy(update={"inertia": self.inertia}),
-            }
-        )
+        resolved = {
+            "max_thrust": None,
+            "torque_to_thrust": None,
+            "airflow": self.airflow.model_copy(update=lengths),
+            "body": self.body.model_copy(update={"inertia": self.inertia}),
+        }
+        return self.model_copy(update=resolved)
 
 
 def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:

@@ -421,20 +421,19 @@ class Task(Value):
         lengths = {"separation": self.separation, "body_clearance": self.body_clearance or False}
         reach = {"largest_reach": self.largest_reach(n) or False}
         end_effector = ResolvedEndEffector(**{**dict(self.end_effector), **reach})
-        return ResolvedTask(
-            **{
-                **dict(self),
-                "modules": n,
-                "module": self.module.resolve(),
-                "end_effector": end_effector,
-                "exposure": (*self.exposure, *objects(self.cases)),
-                "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
-                "task_seed": None,
-                "search": self.search.model_copy(update=lengths),
-                "flight": self.flight.to_si(*units, grows=grows, maximized=self.search.maximize is not None),
-                "goals": Goals(),
-            }
-        )
+        fields = {
+            **dict(self),
+            "modules": n,
+            "module": self.module.resolve(),
+            "end_effector": end_effector,
+            "exposure": (*self.exposure, *objects(self.cases)),
+            "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
+            "task_seed": None,
+            "search": self.search.model_copy(update=lengths),
+            "flight": self.flight.to_si(*units, grows=grows, maximized=self.search.maximize is not None),
+            "goals": Goals(),
+        }
+        return ResolvedTask(**fields)
 
 
 class ResolvedTask(Task):

@@ -300,14 +300,9 @@ def _words(field: FieldInfo) -> str:
 def refuse(*broken: tuple[Location, str]) -> None:
     """Raise a ValidationError with one error per broken rule, if there are any."""
     if broken:
-        errors = [
-            InitErrorDetails(
-                type=PydanticCustomError("rule", "{text}", {"text": text}),
-                loc=(field,) if isinstance(field, str) else field,
-                input=None,
-            )
-            for field, text in broken
-        ]
+        rules = ((field, PydanticCustomError("rule", "{text}", {"text": text})) for field, text in broken)
+        paths = (((field,) if isinstance(field, str) else field, rule) for field, rule in rules)
+        errors = [InitErrorDetails(type=rule, loc=path, input=None) for path, rule in paths]
         raise ValidationError.from_exception_data("Value", errors)
 
 

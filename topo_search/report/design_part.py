@@ -137,15 +137,14 @@ def loads(design: Design) -> Table:
     for k, (u, case) in enumerate(zip(design.inputs, design.task.load_cases, strict=True)):
         effort = case.weight * float(np.sum(u * u))
         share = effort / design.objective if design.objective else 0.0
-        rows.append(
-            {
-                "load case": f"{k} ({case.name})" if case.name else str(k),
-                "smallest input": f"{lower_text(float(u.min()) / u_max, 4)} u_max",
-                "largest input": f"{upper_text(float(u.max()) / u_max, 4)} u_max",
-                "thrust of all rotors": f"{figures(k_f * float(u.sum()))} N",
-                "share of J": f"{100 * share:.1f} %",
-            }
-        )
+        row = {
+            "load case": f"{k} ({case.name})" if case.name else str(k),
+            "smallest input": f"{lower_text(float(u.min()) / u_max, 4)} u_max",
+            "largest input": f"{upper_text(float(u.max()) / u_max, 4)} u_max",
+            "thrust of all rotors": f"{figures(k_f * float(u.sum()))} N",
+            "share of J": f"{100 * share:.1f} %",
+        }
+        rows.append(row)
     return Table.from_rows(rows, range(5))
 
 

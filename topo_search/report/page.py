@@ -35,12 +35,9 @@ from topo_search.report.view import thumbnail, view
 
 def render(page: dict[str, Any]) -> str:
     """Return the page as the text of a self-contained HTML file."""
+    loader, strict = jinja2.PackageLoader("topo_search.report"), jinja2.StrictUndefined
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("topo_search.report"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=loader, autoescape=True, undefined=strict, trim_blocks=True, lstrip_blocks=True
     )
     absent = dict.fromkeys(
         ("key", "design", "audit", "task", "bound", "polytopes", "reproduction", "run", "front", "compared", "miss")

@@ -272,17 +272,16 @@ def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
         closest = min(members, key=lambda row: math.inf if row.violation is None else row.violation)
         violation = "" if closest.violation is None else f"{rounded_down(closest.violation)} {closest.unit or ''}"
         result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
-        cells.append(
-            {
-                "modules": str(n),
-                "status": status,
-                "worst constraint": kind,
-                "candidates": str(len(members)),
-                "smallest violation": violation,
-                "in tree": closest.key,
-                "message": result.message if isinstance(result, Infeasible) else "",
-            }
-        )
+        row = {
+            "modules": str(n),
+            "status": status,
+            "worst constraint": kind,
+            "candidates": str(len(members)),
+            "smallest violation": violation,
+            "in tree": closest.key,
+            "message": result.message if isinstance(result, Infeasible) else "",
+        }
+        cells.append(row)
     return Table.from_rows(cells, {0, 3, 4}) if cells else None
 
 

@@ -115,10 +115,10 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
             name=part.name,
             legendgroup=part.name,
             showlegend=part.name not in named,
+            hoverinfo="name",
             color=part.colour,
             opacity=part.opacity,
             flatshading=True,
-            hoverinfo="name",
             meta={"part": part.kind},
         )
         named.add(part.name)

@@ -153,14 +153,11 @@ def requirement(exposure: AnyExposure) -> str:
 def load_cases(task: ResolvedTask) -> list[list[str]]:
     """Return a row for each load case: number and name, wrenches in SI and relative units, weight."""
     force_unit, torque_unit = task.force_unit(task.n), task.torque_unit(task.n)
-    return [
-        [
-            f"{k} ({case.name})" if case.name else str(k),
-            "; ".join(_wrenches(case, force_unit, torque_unit)),
-            figures(case.weight) if case.weight else "0: required, but adds no control effort",
-        ]
-        for k, case in enumerate(task.load_cases)
-    ]
+    free = "0: required, but adds no control effort"
+    names = (f"{k} ({case.name})" if case.name else str(k) for k, case in enumerate(task.load_cases))
+    wrenches = ("; ".join(_wrenches(case, force_unit, torque_unit)) for case in task.load_cases)
+    weights = (figures(case.weight) if case.weight else free for case in task.load_cases)
+    return [list(row) for row in zip(names, wrenches, weights, strict=True)]
 
 
 def _wrenches(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:

@@ -89,46 +89,32 @@ def _module_size(module: Module) -> Doubts:
 USUAL = {
     "module.connector_distance": (0.2, 5.0),
     "module.body.rotor_radius": (0.15, 1.0),
-    "module.body.rotor_height": (0.001, 1.0),
-    "module.body.arm_width": (0.001, 1.0),
     "module.body.hub": (0.005, 4.0),
-    "module.body.frame.vertices": (0.0, 5.0),
-    "module.rotors.position": (0.0, 5.0),
-    "module.airflow.start_radius": (0.1, 10.0),
-    "module.airflow.reach": (0.5, 200.0),
-    "module.airflow.regions.start_radius": (0.1, 10.0),
-    "module.airflow.regions.reach": (0.5, 200.0),
     "module.bracket.bolt_circle": (0.02, 1.0),
     "module.bracket.bolt_diameter": (0.004, 0.5),
-    "module.bracket.thickness": (0.002, 0.5),
-    "module.bracket.wall": (0.002, 0.5),
     "end_effector.rod_radius": (0.001, 0.5),
     "end_effector.rod_deflection": (0.0, 1.0),
-    "tolerances.position": (0.0, 0.2),
-    "tolerances.envelope": (0.0, 0.2),
-    "flight.com_error": (0.0, 0.2),
-    "search.margin": (0.0, 0.2),
-    "search.centre_margin": (0.0, 0.2),
-    "search.separation": (0.2, 20.0),
-    "search.body_clearance": (0.2, 20.0),
     "goals.clearance": (0.0, 0.4),
+    **dict.fromkeys(("module.body.rotor_height", "module.body.arm_width"), (0.001, 1.0)),
+    **dict.fromkeys(("module.body.frame.vertices", "module.rotors.position"), (0.0, 5.0)),
+    **dict.fromkeys(("module.airflow.start_radius", "module.airflow.regions.start_radius"), (0.1, 10.0)),
+    **dict.fromkeys(("module.airflow.reach", "module.airflow.regions.reach"), (0.5, 200.0)),
+    **dict.fromkeys(("module.bracket.thickness", "module.bracket.wall"), (0.002, 0.5)),
+    **dict.fromkeys(("tolerances.position", "tolerances.envelope", "flight.com_error"), (0.0, 0.2)),
+    **dict.fromkeys(("search.margin", "search.centre_margin"), (0.0, 0.2)),
+    **dict.fromkeys(("search.separation", "search.body_clearance"), (0.2, 20.0)),
 }
 """Usual lengths by field, without its indices [l_arm]."""
 LONG_PATH = 20.0
 USUAL_AT_TARGET = {
-    "end_effector.position": LARGE,
-    "end_effector.stand_off": LARGE,
-    "end_effector.largest_reach": LARGE,
+    **dict.fromkeys((f"end_effector.{name}" for name in ("position", "stand_off", "largest_reach")), LARGE),
+    **dict.fromkeys(
+        (f"exposure.{name}" for name in ("radius", "box", "vertices", "pieces", "planes.offset")), LARGE
+    ),
+    **dict.fromkeys(
+        (f"exposure.{name}" for name in ("segments", "polylines", "length", "speed_within")), LONG_PATH
+    ),
     "goals.stand_off": LARGE,
-    "exposure.radius": LARGE,
-    "exposure.box": LARGE,
-    "exposure.vertices": LARGE,
-    "exposure.pieces": LARGE,
-    "exposure.planes.offset": LARGE,
-    "exposure.segments": LONG_PATH,
-    "exposure.polylines": LONG_PATH,
-    "exposure.length": LONG_PATH,
-    "exposure.speed_within": LONG_PATH,
 }
 """Largest usual lengths at the target by field, without its indices [widths of the modules packed in a square]."""
 
