@@ -4,7 +4,9 @@ import pytest
 import toy_problem
 from toy_problem import follow, toy_task
 
-from topo_search.engine import Candidates, ExhaustiveSearch, Job, Tried, merge, scaled_violation
+from topo_search.engine import Candidates, Job, Tried
+from topo_search.engine.strategy import ExhaustiveSearch
+from topo_search.engine.workers import merge, scaled_violation
 from topo_search.model import Design, Infeasible, Topology
 
 SPACE = Candidates(toy_task(6).resolve(6), "c2")

@@ -11,9 +11,9 @@ from nlp.lazy_solve import without_corners
 from nlp.starts.random_starts import draw, generator
 from topo_search import read_task, search
 from topo_search.compose.maximizing import MostCapable
-from topo_search.engine import WAIT, Candidates, Job, Proposal
+from topo_search.engine import Candidates, Job, Proposal
 from topo_search.engine.randomized import FEWEST_OPEN, RandomizedSearch
-from topo_search.engine.strategy import Tried
+from topo_search.engine.strategy import WAIT, Tried
 from topo_search.model import BadInput, Topology
 from topo_search.model.corners import to_corners
 from topo_search.model.maximized import measure, task_at, unit_of

@@ -10,7 +10,8 @@ from older import older_task
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import WAIT, Candidates, ExhaustiveSearch, Job, Proposal, Strategy
+from topo_search.engine import Candidates, Job, Proposal, Strategy
+from topo_search.engine.strategy import WAIT, ExhaustiveSearch
 from topo_search.model import BadInput, Topology
 from topo_search.study import Request, RunFolder, SilentObserver, read_answer
 from topo_search.study.solving import ProposedJobs, Tools

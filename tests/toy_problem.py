@@ -23,7 +23,8 @@ from pathlib import Path
 
 from older import older_task
 
-from topo_search.engine import WAIT, Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
+from topo_search.engine import Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
+from topo_search.engine.strategy import WAIT
 from topo_search.model import (
     Audit,
     Design,

@@ -19,7 +19,8 @@ from pathlib import Path
 
 from toy_problem import BOUND, solve, toy_task
 
-from topo_search.engine import ExhaustiveSearch, Job
+from topo_search.engine import Job
+from topo_search.engine.strategy import ExhaustiveSearch
 from topo_search.model import Design
 from topo_search.model.objective import LEAST_EFFORT
 from topo_search.study import Request, RunFolder, SilentObserver

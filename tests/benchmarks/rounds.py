@@ -21,9 +21,10 @@ from random import Random
 from typing import NamedTuple
 
 import nlp
-from topo_search.engine import Candidates, Proposal, Tried, scaled_violation
+from topo_search.engine import Candidates, Proposal, Tried
 from topo_search.engine.proposals import OptunaSearch
 from topo_search.engine.proposals.moves import BREEDING
+from topo_search.engine.workers import scaled_violation
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.task_file import read_task
 

@@ -23,8 +23,9 @@ from statistics import median
 from typing import NamedTuple, Protocol
 
 import nlp
-from topo_search.engine import Candidates, Proposal, Tried, merge, record_of, scaled_violation
+from topo_search.engine import Candidates, Proposal, Tried
 from topo_search.engine.proposals import OptunaSearch
+from topo_search.engine.workers import merge, record_of, scaled_violation
 from topo_search.model import Design, Infeasible, ResolvedTask, Task
 from topo_search.model.task_file import read_task
 from topo_search.study import DEFAULT_ROUND

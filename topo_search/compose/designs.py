@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import nlp
 import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
-from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
+from topo_search.engine import Failed, Outcome
+from topo_search.engine.workers import audit_deadline, audit_job
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault, Geometry, ResolvedTask, Status, Task
 from topo_search.model.bracket import Bracket

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import verify
-from topo_search.engine import AuditDesign, Job
+from topo_search.engine import Job
+from topo_search.engine.workers import AuditDesign
 from topo_search.model import Design, Infeasible, ResolvedTask, Status
 from topo_search.model.maximized import RESERVES, measure, sample_directions, step_of, task_at
 from topo_search.model.value import Vector

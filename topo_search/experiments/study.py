@@ -41,7 +41,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import nlp
 from topo_search.compose import BACKENDS, available_cores
-from topo_search.engine import Backends, Failed, Job, Workers, audit_deadline, merge, record_of, solve_deadline
+from topo_search.engine import Backends, Failed, Job, Workers
+from topo_search.engine.workers import audit_deadline, merge, record_of, solve_deadline
 from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.limits import LIMITS
 from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology

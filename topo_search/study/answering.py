@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from topo_search.engine import scaled_violation
+from topo_search.engine.workers import scaled_violation
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible
 from topo_search.model.features import objective_of

@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from topo_search.engine import ExhaustiveSearch, Strategy
+from topo_search.engine import Strategy
 from topo_search.engine.randomized import RandomizedSearch
+from topo_search.engine.strategy import ExhaustiveSearch
 from topo_search.study.folder import RunFolder
 from topo_search.study.pareto import add_front, write_front
 from topo_search.study.proofs import add_proofs

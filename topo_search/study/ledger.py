@@ -19,7 +19,8 @@ from itertools import starmap
 from pathlib import Path
 from typing import Self
 
-from topo_search.engine import Failed, Outcome, Tried, record_of, scaled_violation
+from topo_search.engine import Failed, Outcome, Tried
+from topo_search.engine.workers import record_of, scaled_violation
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask
 from topo_search.model.features import Flight
 from topo_search.model.files import to_json

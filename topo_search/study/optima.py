@@ -9,7 +9,8 @@ from functools import partial
 from math import isclose
 from typing import Literal
 
-from topo_search.engine import Backends, Failed, Job, audit_deadline
+from topo_search.engine import Backends, Failed, Job
+from topo_search.engine.workers import audit_deadline
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.model.objective import LEAST_EFFORT

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
-from topo_search.engine import AuditDesign, Candidates, Engine, Failed, Job, WorkersLost, audit_deadline
+from topo_search.engine import Candidates, Engine, Failed, Job, WorkersLost
+from topo_search.engine.workers import AuditDesign, audit_deadline
 from topo_search.model import (
     BadInput,
     CheckedChunk,

@@ -16,7 +16,8 @@ from functools import partial
 from heapq import nsmallest
 from itertools import combinations, islice
 
-from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
+from topo_search.engine import Backends, Failed, Job
+from topo_search.engine.workers import audit_deadline, scaled_violation
 from topo_search.model import Audit, Geometry, Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.files import to_json
 from topo_search.model.relaxed import STARTS, Relaxation

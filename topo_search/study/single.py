@@ -5,17 +5,8 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from topo_search.engine import (
-    Backends,
-    Engine,
-    Failed,
-    Job,
-    Outcome,
-    audit_deadline,
-    merge,
-    scaled_violation,
-    start_ranges,
-)
+from topo_search.engine import Backends, Engine, Failed, Job, Outcome
+from topo_search.engine.workers import audit_deadline, merge, scaled_violation, start_ranges
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.html import paragraph
 from topo_search.study.progress import SilentObserver

@@ -18,21 +18,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count, islice
 
-from topo_search.engine import (
-    Backends,
-    Engine,
-    Failed,
-    Job,
-    Outcome,
-    Proposal,
-    Stage,
-    Strategy,
-    Tried,
-    audit_deadline,
-    audit_job,
-    may_beat,
-    merge,
-)
+from topo_search.engine import Backends, Engine, Failed, Job, Outcome, Proposal, Stage, Strategy, Tried
+from topo_search.engine.strategy import may_beat
+from topo_search.engine.workers import audit_deadline, audit_job, merge
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.model.features import objective_of
 from topo_search.study.folder import RunFolder

@@ -22,7 +22,7 @@ solver. A time limit ends solving; audits follow it.
 import math
 from itertools import pairwise
 
-from topo_search.engine import start_ranges
+from topo_search.engine.workers import start_ranges
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import (
     AUDIT_BATCH,
