@@ -297,6 +297,45 @@ def test_loads_of_brackets_are_those_of_the_audit() -> None:
         assert one.factor > 5
 
 
+def webs(mesh: trimesh.Trimesh, phi: float) -> tuple[float, float, float]:
+    """Area and section moduli, about the hinge and across it, midway between the flanges of a bracket."""
+    along = np.array([math.cos(phi / 2), 0.0, -math.sin(phi / 2)])
+    height = np.cross(along, [0.0, 1.0, 0.0])
+    area, about, across, edges = 0.0, 0.0, 0.0, []
+    for loop in mesh.section(plane_origin=np.zeros(3), plane_normal=along).discrete:
+        (y, y1), (z, z1) = ((x[:-1], x[1:]) for x in (loop[:, 1], loop @ height))
+        parts = y * z1 - y1 * z
+        parts *= np.sign(parts.sum())
+        area += parts.sum() / 2
+        about += (parts * (z * z + z * z1 + z1 * z1)).sum() / 12
+        across += (parts * (y * y + y * y1 + y1 * y1)).sum() / 12
+        edges.append((np.abs(z).max(), np.abs(y).max()))
+    z_max, y_max = np.max(edges, axis=0)
+    return area, about / z_max, across / y_max
+
+
+def test_printed_brackets_of_the_wall_platform_carry_the_moments_of_the_audit() -> None:
+    """The stress in the solids as they are printed, under the loads of the audit, is what the sheet says it is."""
+    flight, sizes = verify.audit(DESIGN).flight, DESIGN.task.module.bracket_sizes
+    assert flight is not None
+    meshes = {part.file: read(part) for part in brackets(DESIGN)}
+    s = sizes.bolt_circle / math.sqrt(8)
+    page = sheet(DESIGN, SOLIDS, ())
+    for child, (phi, told) in enumerate(zip(bracket_turns(DESIGN), strengths(DESIGN), strict=True), start=1):
+        area, about, across = webs(meshes[bracket_file(abs(phi))], math.radians(abs(phi)))
+        factors = []
+        for load in (load for load in flight.joints if load.child == child):
+            M_h, M_c, F = load.about_hinge_Nm, load.across_hinge_Nm, load.force_N
+            web = M_h / about + M_c / across + F / area
+            bolt = (M_h + M_c) / (4 * s) + F / 4
+            arm = sizes.half_width - sizes.wall - s  # from the bolt to the web beside it
+            flange = bolt * arm / (sizes.half_width * sizes.thickness**2 / 6)
+            factors.append(min(ALONG / web, ACROSS / flange))
+        assert min(factors) == pytest.approx(told.factor, rel=2e-3)
+        assert min(factors) > 10
+        assert f"<td>{told.moment_Nm:.3f}</td><td>{told.factor:.1f}</td>" in page
+
+
 @pytest.mark.parametrize("phi", [0.0, -0.8, 1.5])
 def test_the_strength_of_a_bracket_is_that_of_its_flange_and_webs(phi: float) -> None:
     sizes = Bracket()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from commands import invoke
 from export_cases import random_design, rod_ends, with_rod
 from test_export_brackets import mating_face, read
 
@@ -18,6 +19,7 @@ from topo_search.export.brackets import mount
 from topo_search.export.kit import write_kit
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.files import to_json
 from topo_search.model.flying import with_defaults
 from topo_search.model.joint_mass import joint_mass
 from verify.kinematics import platform
@@ -193,6 +195,19 @@ def test_the_rod_of_small_modules_is_as_thin_as_their_brackets_require() -> None
         assert "rod_radius" not in rod(module)
     assert "rod_radius" not in rod(SMALL, rod="none")
     assert "rod_radius" not in rod(SMALL, rod_linear_density=0.01)
+
+
+def test_modules_too_small_for_any_bolt_get_no_kit(tmp_path: Path) -> None:
+    module = {"mass": 0.002, "arm_length": 0.0018, "connector_distance": 0.003}
+    design = drawn({**module, "body": {"rotor_radius": 0.001, "hub": (0.001, 0.001, 0.001), "arm_width": 0.0005}})
+    (tmp_path / "tiny.json").write_text(to_json(design))
+    for words in (("kit", "kit"), ("brackets", "kit"), ("sheet", "sheet.pdf"), ("parts", "parts.csv")):
+        told = invoke(
+            "export", tmp_path / "tiny.json", "--format", words[0], "--out", tmp_path / words[1], status=2
+        )
+        rule = "module.bracket: must be stated: the module is too small for its own brackets, whose M1.6 bolts"
+        assert f"{rule} are the smallest; they take 3.6 mm of a connector_distance of 3 mm" in told.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["tiny.json"]
 
 
 def test_a_rod_that_hides_the_bolts_of_its_mount_is_refused(tmp_path: Path) -> None:

@@ -9,11 +9,11 @@ r"""Strength of printed brackets under the loads of their joints in the load cas
 | s, l | distance of a bolt from the flange's middle lines; from the web beside it, r - w - s | m |
 | P | largest force of a bolt | N |
 
-Both webs bend about the hinge, and carry M_c as a pair of forces; a bolt bends the strip of the flange beside it:
+Both webs are one section that bends about the hinge, and across it; a bolt bends the strip of the flange beside it:
 
 .. math::
 
-    \sigma_{web} = \frac{3 M_h}{w h^2} + \frac{M_c}{(2 r - w) w h} + \frac{F}{2 w h}, \qquad
+    \sigma_{web} = \frac{3 M_h}{w h^2} + \frac{3 M_c r}{2 h (r^3 - (r - w)^3)} + \frac{F}{2 w h}, \qquad
     P = \frac{M_h + M_c}{4 s} + \frac F 4, \qquad \sigma_{flange} = \frac{6 P l}{r t^2}
 
 A bracket is printed lying on a web, so layers run along the webs, and the flanges bend across layers. Holes,
@@ -66,7 +66,7 @@ def factor(sizes: Bracket, phi: float, F: float, M_h: float, M_c: float) -> floa
     """Return the safety factor of a bracket under a load; the symbols are those of the module's docstring."""
     r, t, w = sizes.half_width, sizes.thickness, sizes.wall
     h = 2 * r * math.cos(phi / 2) + t * math.sin(abs(phi) / 2)
-    web = 3 * M_h / (w * h**2) + M_c / ((2 * r - w) * w * h) + F / (2 * w * h)
+    web = 3 * M_h / (w * h**2) + 3 * M_c * r / (2 * h * (r**3 - (r - w) ** 3)) + F / (2 * w * h)
     s = sizes.bolt_circle / 2 / math.sqrt(2)
     flange = 6 * ((M_h + M_c) / (4 * s) + F / 4) * (r - w - s) / (r * t**2)
     share = max(web / ALONG, flange / ACROSS)
