@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
-from topo_search.own_constraint import OwnConstraint
 
 if TYPE_CHECKING:
     from nlp.assembled.problem import AssembledProblem, RowBlock
@@ -72,5 +71,5 @@ class LazyRows(Protocol):
 
 Selections = Mapping[LazyRows, Any]
 """The selection of every kind of lazy rows that a program has."""
-UserConstraints = tuple[OwnConstraint, ...]
-"""Constraints of the user; usually none."""
+UserConstraints = Sequence[Any]
+"""Constraints of the user, each an `OwnConstraint`, which its feature alone reads; usually none."""

@@ -24,7 +24,6 @@ from nlp.starts.warm_start import common_subtrees, warm_start
 from topo_search.model import Design, Geometry, Infeasible, Mount, ResolvedTask, Task, Topology
 from topo_search.model.corners import to_corners
 from topo_search.model.design import Shortfall, SolverRecord
-from topo_search.own_constraint import OwnConstraint
 
 UNTANGLED_STARTS = 24
 """Default number of starts per topology for the full Ipopt solver."""
@@ -62,7 +61,7 @@ def solve(
     starts: range,
     seed: int,
     near: Sequence[Design] = (),
-    constraints: Sequence[OwnConstraint] = (),
+    constraints: UserConstraints = (),
 ) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
@@ -118,7 +117,7 @@ class Solve:
     starts: range
     seed: int
     near: Sequence[Design]
-    user_constraints: Sequence[OwnConstraint]
+    user_constraints: UserConstraints
     most_effort: float | None = None
     began: float = field(default_factory=time.perf_counter)
 
@@ -216,7 +215,7 @@ def _best(results: Iterable[StartResult]) -> StartResult:
     return min(results, key=lambda result: result.rank)
 
 
-def move_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
+def move_rod(design: Design, mount: Mount, constraints: UserConstraints = ()) -> Design:
     """Return a design solved again with its rod at another connector, or the design itself if that fails."""
     from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
 
@@ -237,7 +236,7 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
     return narrower if reach is not None and reach < distance else None
 
 
-def design_of(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
+def design_of(best: StartResult, record: SolverRecord, constraints: UserConstraints) -> Design:
     """Return a result as a design, with the user's constraints that it meets."""
     point, J, K = best.point, best.objective, len(best.point.task.declared.load_cases)
     bound = None if point.task.search.maximize else bound_of(point.task, J)

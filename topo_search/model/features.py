@@ -16,11 +16,12 @@ from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.placement import Placement
 from topo_search.model.relaxed import Relaxed
 from topo_search.model.reserves import AskedFlight, broken_flight, failure_corners, reserve_corners
+from topo_search.model.room import broken_hinges
 from topo_search.model.rotor_rules import broken_rotors
 from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
 from topo_search.model.stated import Stated, StatedCheck, Versioned
 
-TASK_RULES = (broken_rotors, broken_flight, broken_goals, broken_maximize)
+TASK_RULES = (broken_hinges, broken_rotors, broken_flight, broken_goals, broken_maximize)
 """Rules that a task as a whole may break, in the order of their messages."""
 CORNER_SETS = (reserve_corners, failure_corners)
 """Sets of wrenches required besides the load cases, in the order of their corners."""

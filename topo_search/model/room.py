@@ -66,15 +66,19 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, islice, product
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from topo_search.model.airflow import AirflowEnvelope
 from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
-from topo_search.model.folds import LENGTH_ROUNDING, Folds, join
+from topo_search.model.folds import LENGTH_ROUNDING, Folds, folds_text, join
 from topo_search.model.module import Module
 from topo_search.model.rotors import UP
+from topo_search.model.value import Broken, show
+
+if TYPE_CHECKING:
+    from topo_search.model.task import Task
 
 LARGE = 4.0
 """Largest usual length at the end-effector, such as its rod or stand-off [packed widths]."""
@@ -567,3 +571,15 @@ def _from_piece(x: Array, piece: _Box) -> Array:
     beyond = np.maximum(0.0, np.abs((x - piece.centre) @ piece.axes.T) - piece.half)
     from_planes = (x @ piece.normals.T - piece.offsets).max(axis=-1)
     return np.asarray(np.maximum(np.linalg.norm(beyond, axis=-1), from_planes))
+
+
+def broken_hinges(task: "Task") -> Broken:
+    """Yield the broken rule of a set of hinge angles without any clear fold."""
+    angles, folds = task.search.hinge_set_deg, task.folds(task.search.margin)
+    angles = task.search.hinge_set_deg
+    if angles is None or not (folds := task.folds(task.search.margin)):
+        return
+    if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
+        field = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
+        rule = f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}"
+        yield ("search", field), f"{rule}, but got {show(getattr(task.search, field))}"

@@ -39,7 +39,7 @@ from topo_search.model.features import (
     joint_mass,
     with_defaults,
 )
-from topo_search.model.folds import Folds, folds_text, intersect
+from topo_search.model.folds import Folds, intersect
 from topo_search.model.load_case import LoadCase, broken_rules, labels, objects, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
@@ -198,7 +198,6 @@ class Task(Value):
             rule = "must mean a load case with a force at the end-effector"
             yield ("end_effector", name), f"{rule}, but got {show(getattr(end_effector, name))}"
         yield from self._broken_thrust()
-        yield from self._broken_hinges()
         yield from (broken for rule in TASK_RULES for broken in rule(self))
 
     def _broken_thrust(self) -> Broken:
@@ -213,16 +212,6 @@ class Task(Value):
         if module.min_input >= lowest:
             rule = f"must be less than the largest share that rotors may use, {lowest:g}"
             yield ("module", "min_input"), f"{rule}, but got {module.min_input}"
-
-    def _broken_hinges(self) -> Broken:
-        """Yield the broken rule of a set of hinge angles without any clear fold."""
-        angles = self.search.hinge_set_deg
-        if angles is None or not (folds := self.folds(self.search.margin)):
-            return
-        if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
-            field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
-            rule = f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}"
-            yield ("search", field), f"{rule}, but got {show(getattr(self.search, field))}"
 
     @property
     def sizes(self) -> range:
