@@ -171,12 +171,12 @@ def draw(axes: Axes, rows: pd.DataFrame, column: str, sizes: Sequence[int]) -> N
     width = 0.8 / max(1, len(series))  # in steps between sizes
     for number, (name, group) in enumerate(series):
         colour = style(number)["color"]
-        style: dict[str, Any] = {"label": name, "whis": (0, 100), "manage_ticks": False, "patch_artist": True}
-        style |= {f"{part}props": {"color": colour} for part in ("whisker", "cap")}
-        style |= {"boxprops": {"facecolor": (colour, 0.35), "edgecolor": colour}, "widths": 0.8 * width}
+        box: dict[str, Any] = {"label": name, "whis": (0, 100), "manage_ticks": False, "patch_artist": True}
+        box |= {f"{part}props": {"color": colour} for part in ("whisker", "cap")}
+        box |= {"boxprops": {"facecolor": (colour, 0.35), "edgecolor": colour}, "widths": 0.8 * width}
         positions = [k + (number + 0.5) * width - 0.4 for k in range(len(sizes))]
         values = [group.loc[group["n"] == n, column].dropna().to_numpy(float) for n in sizes]
-        axes.boxplot(values, positions=positions, medianprops={"color": colour, "linewidth": 1.6}, **style)
+        axes.boxplot(values, positions=positions, medianprops={"color": colour, "linewidth": 1.6}, **box)
     axes.set_xticks(range(len(sizes)), [str(n) for n in sizes])
     axes.set_xlabel("modules $n$")
     axes.grid(axis="y", alpha=0.3)
