@@ -136,12 +136,12 @@ def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBo
     from nlp.reduced.inputs import dual  # compiled code, which most tasks need not load
 
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
-    u_min, u_max = point.task.min_input, point.task.max_input
+    u_max = point.task.max_input
     columns, wrenches = np.ascontiguousarray((A * u_max / units[:, None]).T), b / units
     smallest = np.empty_like(u)
     for k, w in enumerate(wrenches):
-        produced = columns * (bounds[1][k] > 0)[:, None]  # without dead rotors
-        dual(produced, w, CORRECTION.stiffness, u_min / u_max, 1.0, np.zeros(6), smallest[k])
+        low, high = (limit[k] / u_max for limit in bounds)
+        dual(columns, w, CORRECTION.stiffness, low, high, np.zeros(6), smallest[k])
     smallest = _balance(A, b, np.clip(smallest * u_max, *bounds), bounds)
     residuals, residuals_before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (smallest, u))
     balanced, cheaper = residuals <= WRENCH_TOLERANCE / 10, np.sum(smallest**2, axis=1) < np.sum(u**2, axis=1)

@@ -71,9 +71,9 @@ class _Reserve:
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
-        A = task.module.max_thrust_to_weight * wrench_map(
-            platform.orientations, [o / unit.length for o in platform.centres], task.module
-        )
+        limits = np.tile(task.module.max_thrust_to_weight * task.module.input_shares(task.gravity), platform.n)
+        A: ca.SX = wrench_map(platform.orientations, [o / unit.length for o in platform.centres], task.module)
+        A = A @ ca.diag(ca.SX(ca.DM(limits)))
         tip, com = self.case.at_end_effector, self.case.at_com
         levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(error, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)

@@ -1,10 +1,12 @@
 """Modules with rotors of their own: what solver, audit, counts and exports make of them, and what is refused."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
+import mujoco
 import numpy as np
 import pytest
 from commands import refused
@@ -13,15 +15,18 @@ from scipy.optimize import linprog
 
 from nlp import proven_bound, solve
 from nlp.assembled.platform import AssembledPlatform, Layout
+from nlp.numbers.point import Point
 from nlp.requirements.balances import wrench_matrix
 from nlp.symbols.platform import wrench_map as symbolic_map
 from nlp.units import Units
 from topo_search.export.allocation import allocation
+from topo_search.export.mjcf import mjcf
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import to_toml, validate
 from topo_search.model.rotors import x_quadrotor
 from topo_search.model.task import Task
 from topo_search.model.vehicle import read_vehicle
+from topo_search.simulation.plant import nominal
 from topo_search.topologies import Symmetry, candidates, count, exact_group, resolve_symmetry
 from verify import audit
 from verify.flight.vehicle import capability
@@ -49,7 +54,14 @@ def star(tilt_deg: float, arm: float = 0.1) -> list[Table]:
     return rotors
 
 
-def random_rotors(rng: np.random.Generator, tilt: float = 0.15) -> list[Table]:
+def own_kinds(rng: np.random.Generator, r: int) -> list[Table]:
+    """Coefficients, limits and radii of r rotors, some of them the module's."""
+    ranges = {"thrust_coefficient": (2e-7, 5e-7), "torque_coefficient": (3e-9, 9e-9)}
+    ranges |= {"max_thrust": (1.0, 3.0), "radius": (0.015, 0.035)}
+    return [{name: rng.uniform(*bounds) for name, bounds in ranges.items() if rng.random() < 0.7} for _ in range(r)]
+
+
+def random_rotors(rng: np.random.Generator, tilt: float = 0.15, *, alike: bool = True) -> list[Table]:
     """Two to eight rotors around the centre, whose axes lean at random, and along z in sum."""
     r = int(rng.integers(2, 9))
     angles = 2 * np.pi * (np.arange(r) + rng.uniform(-0.1, 0.1, r)) / r
@@ -63,8 +75,10 @@ def random_rotors(rng: np.random.Generator, tilt: float = 0.15) -> list[Table]:
     axes = axes @ (np.eye(3) + K + K @ K / (1 + mean[2])).T
     spins = rng.choice([-1, 1], r).tolist()
     return [
-        {"position": place, "axis": axis, "spin": spin}
-        for place, axis, spin in zip(places.tolist(), axes.tolist(), spins, strict=True)
+        {"position": place, "axis": axis, "spin": spin, **kind}
+        for place, axis, spin, kind in zip(
+            places.tolist(), axes.tolist(), spins, [{}] * r if alike else own_kinds(rng, r), strict=True
+        )
     ]
 
 
@@ -75,15 +89,35 @@ def own_map(module: Module, R: np.ndarray, p: np.ndarray) -> np.ndarray:
         for rotor in module.rotors or ():
             a = R_i @ (np.array(rotor.axis) / np.linalg.norm(rotor.axis))
             r = p_i + R_i @ np.array(rotor.position)
-            torque = module.thrust_coefficient * np.cross(r, a) - rotor.spin * module.torque_coefficient * a
-            columns.append(np.concatenate([module.thrust_coefficient * a, torque]))
+            k_f = rotor.thrust_coefficient or module.thrust_coefficient
+            torque = k_f * np.cross(r, a) - rotor.spin * (rotor.torque_coefficient or module.torque_coefficient) * a
+            columns.append(np.concatenate([k_f * a, torque]))
     return np.array(columns).T
 
 
-@pytest.mark.parametrize("seed", range(12))
+def own_limits(task: Any) -> np.ndarray:
+    """Largest input of every rotor, from the fields of the task file alone."""
+    module, rotors = task.module, task.module.rotors or ()
+    weight = module.mass * task.gravity
+    thrusts = [rotor.max_thrust or module.max_thrust_to_weight * weight / len(rotors) for rotor in rotors]
+    coefficients = [rotor.thrust_coefficient or module.thrust_coefficient for rotor in rotors]
+    return np.tile(np.array(thrusts) / coefficients, task.n)
+
+
+def upright(point: Point, rng: np.random.Generator) -> Point:
+    """The platform with its root level and its hinges nearly flat, which can often hover."""
+    alpha = rng.uniform(-0.4, 0.4, len(point.alpha))
+    return replace(point, root=np.zeros(3), alpha=alpha, tip=np.array([0.3, 0.0, -0.2]))
+
+
+MODULES = [*range(8), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(8, 50))]
+"""Seeds of random modules; every second one has rotors with coefficients, limits and radii of their own."""
+
+
+@pytest.mark.parametrize("seed", MODULES)
 def test_solver_and_audit_have_the_wrenches_of_the_task_file(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    task = push(int(rng.integers(1, 6)), module={"rotors": random_rotors(rng), **SMALL})
+    task = push(int(rng.integers(1, 6)), module={"rotors": random_rotors(rng, alike=seed % 2 == 0), **SMALL})
     point = random_point(task, random_tree(task.n, rng), rng)
     (R, p), module, unit = point.poses, task.module, Units.of(task)
     expected = own_map(module, R, p)
@@ -101,30 +135,93 @@ def test_solver_and_audit_have_the_wrenches_of_the_task_file(seed: int) -> None:
     np.testing.assert_allclose(assembled.T, in_units, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_hover_and_single_failures_are_those_of_linear_programs(seed: int) -> None:
+@pytest.mark.parametrize("seed", MODULES)
+def test_hover_reserves_and_single_failures_are_those_of_linear_programs(seed: int) -> None:
     rng = np.random.default_rng(100 + seed)
-    task = push(3, module={"rotors": random_rotors(rng), "max_thrust_to_weight": 4.0, **SMALL})
-    design = as_design(random_point(task, Topology.from_key("a300"), rng))
+    rotors = random_rotors(rng, alike=seed % 2 == 0)
+    task = push(3, module={"rotors": rotors, "max_thrust_to_weight": 12.0, **SMALL})
+    point = upright(random_point(task, Topology.from_key("a300"), rng), rng)
+    design, weight = as_design(point), task.force_unit(3)
     out = audit(design).flight
     assert out is not None
-    A = wrench_map(platform(design), task.module) * task.module.max_input(task.gravity)
-    hover = np.array([0, 0, task.force_unit(3), 0, 0, 0])
+    (R, p), l_arm = point.poses, task.module.arm_length
+    scale = np.repeat([weight, weight * l_arm], 3)[:, None]
+    A = own_map(task.module, R, p - point.p_COM) * own_limits(task) / scale
+    hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
-    def largest_factor(dead: int | None) -> float:
-        """The largest multiple of the weight that can be carried; -1 if none can."""
+    def largest_factor(wrench: np.ndarray, added: np.ndarray, dead: int | None = None) -> float:
+        """The largest multiple of a wrench that can be added; -inf if nothing can."""
         bounds = [(0.0, 0.0 if j == dead else 1.0) for j in range(A.shape[1])] + [(0.0, None)]
-        found = linprog(
-            [*np.zeros(A.shape[1]), -1.0], A_eq=np.column_stack([A, -hover]), b_eq=np.zeros(6), bounds=bounds
-        )
-        return float(found.x[-1])
+        A_eq = np.column_stack([A, -added])
+        found = linprog([*np.zeros(A.shape[1]), -1.0], A_eq=A_eq, b_eq=wrench, bounds=bounds)
+        return float(found.x[-1]) if found.status == 0 else -math.inf
 
-    alive = largest_factor(None)
+    alive = largest_factor(np.zeros(6), hover)
     if alive > 1 + 1e-6:
         assert out.hover.load_factor == pytest.approx(alive, rel=1e-6)
-    lost = [divmod(j, len(task.module.rotors or ())) for j in range(A.shape[1]) if largest_factor(j) < 1 - 1e-6]
+        # the reserve is the least over all horizontal directions, and that of the reported one
+        reserve, weakest = out.hover.horizontal_reserve_com_N, out.hover.horizontal_weakest_com
+        directions = [(math.cos(a), math.sin(a), 0.0) for a in np.linspace(0, 2 * math.pi, 24, endpoint=False)]
+        held = [weight * largest_factor(hover, np.array([*d, 0.0, 0.0, 0.0])) for d in (weakest, *directions)]
+        assert reserve == pytest.approx(held[0], rel=1e-5, abs=1e-7 * weight)
+        assert min(held) >= reserve * (1 - 1e-6) - 1e-7 * weight
+    lost = [divmod(j, len(rotors)) for j in range(A.shape[1]) if largest_factor(np.zeros(6), hover, j) < 1 - 1e-6]
     assert set(out.rotors_out_hover.lost) == set(lost)
     assert out.rotors_out_hover.of == A.shape[1]
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_search_keeps_each_rotor_s_own_limits_and_its_effort_above_every_bound(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kinds = own_kinds(rng, 4)
+    rotors = [
+        {**rotor, **kind, "max_thrust": 2.0 + q / 4} for q, (rotor, kind) in enumerate(zip(X, kinds, strict=True))
+    ]
+    task = push(3, module={"rotors": rotors, "min_input": 0.05, **SMALL})
+    assert not task.module.rotor_table.is_uniform
+    design = solve(task, Topology.from_key("a300"), starts=range(6), seed=0)
+    assert isinstance(design, Design)
+    found = audit(design)
+    assert found.verdict == "clear"
+    shares = design.inputs.reshape(-1, 12) / own_limits(task)
+    assert 0.05 - 1e-6 <= shares.min() <= shares.max() <= 1 + 1e-6
+    assert proven_bound(task) <= design.objective
+    # every load case has the least sum of squared inputs at its wrench, by another program
+    A = own_map(task.module, platform(design).R, platform(design).o)
+    for u in design.inputs.reshape(-1, 12):
+        low, high = 0.05 * own_limits(task), own_limits(task)
+        free = (u > low * (1 + 1e-4)) & (u < high * (1 - 1e-4))
+        # stationary: free inputs are in the row space of their columns
+        mu, *_ = np.linalg.lstsq(A[:, free].T, u[free], rcond=None)
+        np.testing.assert_allclose(A[:, free].T @ mu, u[free], rtol=0, atol=1e-3 * u.max())
+
+
+def test_exports_and_controller_have_the_thrusts_of_each_rotor(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    kinds = own_kinds(rng, 4)
+    task = push(2, module={"rotors": [{**rotor, **kind} for rotor, kind in zip(X, kinds, strict=True)], **SMALL})
+    point = random_point(task, Topology.from_key("a10"), rng)
+    design, (R, p) = as_design(point), point.poses
+    expected = own_map(task.module, R, p - point.p_COM) * own_limits(task)
+    table, model = allocation(design), nominal(design, rod_mass=False)
+    np.testing.assert_allclose(np.array(table.matrix) * own_limits(task), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(model.B * model.largest_thrust, expected, rtol=1e-9, atol=1e-12)
+    (file := tmp_path / "rotors.csv").write_text(table.rotor_csv())
+    vehicle = read_vehicle(file)
+    largest = [rotor.k_f * rotor.u_max for rotor in vehicle.rotors]
+    np.testing.assert_allclose(largest, model.largest_thrust, rtol=1e-9)
+    simulated = mujoco.MjModel.from_xml_string(mjcf(design))
+    np.testing.assert_allclose(simulated.actuator_ctrlrange[:, 1], model.largest_thrust, rtol=1e-6)
+    ratios = [-r.spin * r.k_tau / r.k_f for r in vehicle.rotors]
+    np.testing.assert_allclose(simulated.actuator_gear[:, 5], ratios, rtol=1e-6)
+    discs = [g for g in range(simulated.ngeom) if simulated.geom_type[g] == mujoco.mjtGeom.mjGEOM_CYLINDER]
+    radii = [kind.get("radius", 0.03) for kind in kinds] * 2
+    np.testing.assert_allclose(simulated.geom_size[discs, 0], radii, rtol=1e-6)
+
+
+def test_a_rotor_s_own_values_that_are_the_module_s_change_nothing() -> None:
+    own = {"thrust_coefficient": 3.87e-7, "torque_coefficient": 1.06e-8, "radius": 0.05}
+    assert push(3, module={"rotors": [{**rotor, **own} for rotor in X]}) == push(3)
 
 
 def test_an_x_written_as_a_table_is_the_default() -> None:
@@ -174,6 +271,8 @@ GROUPS: dict[str, tuple[list[Table], str]] = {
     "two rotors of opposite spins": (SIDE, "c1"),
     "two rotors of one spin": ([{**rotor, "spin": 1} for rotor in SIDE], "c2"),
     "a star": (star(15.0), "c1"),
+    "two strong rotors": ([{**X[0], "max_thrust": 2.0}, *X[1:2], {**X[2], "max_thrust": 2.0}, X[3]], "c2"),
+    "an X with one large rotor": ([{**X[0], "radius": 0.04}, *X[1:]], "c1"),
 }  # fmt: skip
 
 

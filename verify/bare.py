@@ -75,7 +75,8 @@ def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
     N = A.shape[1]
     if not (np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST):
         return np.zeros((len(b), N))
-    box = Bounds(np.full(N, task.min_input / task.max_input), np.ones(N))
+    shares = np.tile(task.module.input_shares(task.gravity), task.n)
+    box = Bounds(task.min_input / task.max_input * shares, shares)
     solvable = find_solutions(A, b, box)
     v = solvable.v.copy()
     for k, b_k in enumerate(b):
@@ -96,7 +97,8 @@ def corner_residuals(found: Findings) -> Iterator[Residual]:
     unit = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
     A = wrench_map(platform, task.module) * task.module.max_input(task.gravity) / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
-    box = Bounds(np.full(A.shape[1], task.module.min_input), np.full(A.shape[1], task.search.peak_input))
+    shares = np.tile(task.module.input_shares(task.gravity), n)
+    box = Bounds(task.module.min_input * shares, task.search.peak_input * shares)
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
         solvable = find_solutions(A, b, box)
         error = solvable.v @ A.T - b
@@ -118,23 +120,25 @@ def power(found: Findings) -> tuple[CasePower, ...]:
 
 def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
     task, module, rotors = design.task, design.task.module, design.task.rotor_count
-    A = wrench_map(platform, module)
+    A, table = wrench_map(platform, module), module.rotor_table
+    drags, ideal = np.tile([np.abs(table.drags), table.gains**1.5 / table.sizes], task.n)
+    cubes = np.maximum(design.inputs.reshape(-1, rotors), 0.0) ** 1.5
     rows = [
-        (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)), A @ u, u)
-        for label, u in zip(task.case_labels, design.inputs.reshape(-1, rotors), strict=True)
+        (label, float(np.sum(drags * w)), float(np.sum(ideal * w)), A @ u, u)
+        for label, w, u in zip(task.case_labels, cubes, design.inputs.reshape(-1, rotors), strict=True)
     ]
-    if capability is not None and capability.hover_power_ratio is not None:
+    if capability is not None and capability.hover_power_ratio is not None and table.is_uniform:
         straight_up = task.force_unit(task.n) / (rotors * module.thrust_coefficient)
-        cubes = rotors * straight_up**1.5 * capability.hover_power_ratio
+        cube = rotors * straight_up**1.5 * capability.hover_power_ratio
         weight = np.array([0.0, 0.0, task.force_unit(task.n), 0.0, 0.0, 0.0])
-        rows.insert(0, (capability.hover.name, cubes, weight, np.zeros(rotors)))
-    for name, cubes, b, u in rows:
-        shaft_W = clamp(module.torque_coefficient * cubes)
+        rows.insert(0, (capability.hover.name, cube, cube, weight, np.zeros(rotors)))
+    for name, drag, ideal_share, b, u in rows:
+        shaft_W, merit = clamp(module.torque_coefficient * drag), ideal_share / drag if drag > 0 else 1.0
         yield CasePower(
             name=name,
-            ideal_W=clamp(module.ideal_power(task.air_density) * cubes),
+            ideal_W=clamp(module.ideal_power(task.air_density) * ideal_share),
             shaft_W=shaft_W,
-            figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
+            figure_of_merit=clamp(module.figure_of_merit(task.air_density) * merit),
             endurance_min=_endurance(task, A, b, u),
         )
 
@@ -150,7 +154,11 @@ def _endurance(task: ResolvedTask, A: Array, b: Array, u: Array) -> float | None
     """
     module, limit = task.module, task.module.max_input(task.gravity)
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    box = Bounds(np.minimum(module.min_input, u / limit), np.maximum(1.0, u / limit))
-    _, least = least_inputs(A * limit / unit[:, None], b / unit, box, 1.5)
+    shares = np.tile(module.input_shares(task.gravity), task.n)
+    box = Bounds(np.minimum(module.min_input * shares, u / limit), np.maximum(shares, u / limit))
+    # shaft power is a plain sum for inputs that are scaled by their drags
+    scale = np.tile(np.abs(module.rotor_table.drags), task.n) ** (2 / 3)
+    scaled = Bounds(box.low * scale, box.high * scale)
+    _, least = least_inputs(A / scale * limit / unit[:, None], b / unit, scaled, 1.5)
     shaft_W = module.torque_coefficient * limit**1.5 * least
     return clamp(task.n * module.battery_Wh * 60 / shaft_W) if module.battery_Wh and shaft_W > 0 else None

@@ -169,9 +169,9 @@ def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
 def wrench_map(platform: Platform, module: Module) -> Array:
     """Return A, shape (6, r n), columns module by module."""
     axes = platform.thrust_axes
-    force = module.thrust_coefficient * axes
-    drag = module.torque_coefficient * module.rotor_table.drags[None, :, None] * axes
-    torque = module.thrust_coefficient * np.cross(platform.rotors, axes) + drag
+    k_f = module.thrust_coefficient * module.rotor_table.gains[:, None]
+    drag = module.torque_coefficient * module.rotor_table.drags[:, None] * axes
+    force, torque = k_f * axes, k_f * np.cross(platform.rotors, axes) + drag
     return np.concatenate([force, torque], axis=-1).reshape(-1, 6).T
 
 

@@ -39,10 +39,10 @@ def module_body(module: Module) -> Compound:
 def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]]:
     """Return the frame (hub and arms) and the rotors of a module, in its own frame [l_arm]."""
     body, l_arm = module.body, module.arm_length
-    width, radius, height = body.arm_width / l_arm, body.rotor_radius / l_arm, body.rotor_height / l_arm
+    width, height = body.arm_width / l_arm, body.rotor_height / l_arm
     table = module.rotor_table
-    discs = enumerate(zip(table.positions, table.axes, strict=True))
-    rotors = tuple(cylinder(f"rotor {q}", centre, axis, radius, height) for q, (centre, axis) in discs)
+    discs = enumerate(zip(table.positions, table.axes, module.rotor_radii / l_arm, strict=True))
+    rotors = tuple(cylinder(f"rotor {q}", centre, axis, radius, height) for q, (centre, axis, radius) in discs)
     if body.frame is not None:
         surfaces = [(np.array(piece.vertices) / l_arm, np.array(piece.triangles)) for piece in body.frame]
         return tuple(Polyhedron(f"frame {k}", *surface) for k, surface in enumerate(surfaces)), rotors

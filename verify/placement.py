@@ -42,18 +42,18 @@ def _pulling(scene: Scene, mount: Mount | None) -> Iterator[Pulling]:
 
 def _near_solid(scene: Scene) -> Iterator[NearSolid]:
     """Yield the solid half-spaces that are near rotors."""
-    platform, radius = scene.platform, scene.design.task.module.body.rotor_radius
+    platform, radii = scene.platform, scene.design.task.module.rotor_radii
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
     for number, contact, segment, region in solid_regions(scene):
         if not isinstance(region, AllowedCone) or region.half_angle_deg != 90:
             continue
         distances = scene.l_arm * np.abs(region.s(rotors))
-        module, rotor = np.unravel_index(np.argmin(distances), distances.shape)
-        nearest = float(distances.min())
+        module, rotor = np.unravel_index(np.argmin(distances / radii), distances.shape)
+        nearest, radius = float(distances[module, rotor]), float(radii[rotor])
         if nearest <= NEAR_RADII * radius:
             yield NearSolid(
                 name=solid_name(number, segment, contact),
-                rotors=int((distances <= NEAR_RADII * radius).sum()),
+                rotors=int((distances <= NEAR_RADII * radii).sum()),
                 module=int(module),
                 rotor=int(rotor),
                 distance_m=nearest,

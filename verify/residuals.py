@@ -75,13 +75,16 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    limit, lowest = design.task.max_input, design.task.min_input
+    scale, shares = design.task.max_input, design.task.module.input_shares(design.task.gravity)
+    limits, lowest = scale * shares, design.task.min_input * shares
     for case, u in zip(design.task.case_labels, design.inputs, strict=True):
-        largest, smallest = float(u.max()), float(u.min())
-        name, excess = f"{case}, largest rotor input", max(0.0, largest - limit)
-        yield residual(name, excess, "rad^2/s^2", limit, claim=largest, derived=limit)
-        name, deficit = f"{case}, smallest rotor input", max(0.0, lowest - smallest)
-        yield residual(name, deficit, "rad^2/s^2", limit, claim=smallest, derived=lowest or None)
+        for name, sign, bounds in (("largest", 1.0, limits), ("smallest", -1.0, lowest)):
+            excess = sign * (u - bounds)
+            worst = np.unravel_index(np.argmax(excess), u.shape)
+            size, claim, bound = max(0.0, float(excess[worst])), float(u[worst]), float(bounds[worst[1]])
+            yield residual(
+                f"{case}, {name} rotor input", size, "rad^2/s^2", scale, claim=claim, derived=bound or None
+            )
 
 
 def _angles(design: Design) -> Iterator[Residual]:

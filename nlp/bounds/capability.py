@@ -52,7 +52,14 @@ from functools import lru_cache
 import numpy as np
 
 from nlp.bounds.effort import lightest_task, rod_force_change, total_forces
-from nlp.bounds.refutation import bodies_mass, centre_offset, largest_thrust, tolerated_force, tolerated_thrust
+from nlp.bounds.refutation import (
+    bodies_mass,
+    centre_offset,
+    largest_drag,
+    largest_thrust,
+    tolerated_force,
+    tolerated_thrust,
+)
 from nlp.bounds.wrenches import FORCES, largest_sum, refute_axes, refute_torque, sum_directions, sum_tolerance
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -139,7 +146,7 @@ def _value(nu: Array, limit: float, F: Array, D: Array) -> float:
 def _bound_by_torques(task: ResolvedTask) -> float:
     """Return a bound on the torque reserve [N m]."""
     n, module, light = task.n, task.module, task.lightest
-    k, W, rod = module.torque_coefficient / module.thrust_coefficient, light.force_unit(n), task.heaviest_rod
+    k, W, rod = largest_drag(module), light.force_unit(n), task.heaviest_rod
     arm = module.arm_length * float(module.rotor_table.distances.max())
     o = module.connector_distance * (n - 1) + arm
     mean = 2 * module.connector_distance * (n * n - 1) / (3 * n) + arm + k

@@ -77,8 +77,9 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             by about 3e-6 of it if the forces are near m_t g, and by more if they are smaller.
     """
     task = lightest_task(task)
-    idle_input = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
-    idle_effort = float(_weights(task).sum()) * task.rotor_count * idle_input * idle_input * (1 - BOUND.rounding)
+    shares = task.module.input_shares(task.gravity)
+    idle_inputs = np.maximum(0.0, task.min_input * shares - accuracy * task.module.max_input(task.gravity))
+    idle_effort = float(_weights(task).sum()) * task.n * float(idle_inputs @ idle_inputs) * (1 - BOUND.rounding)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), idle_effort)
 
 
@@ -118,8 +119,9 @@ def bound_of(task: ResolvedTask, J: float) -> float:
 def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     """Return (trace Q^(1/2))^2 / (r n k_f^2) <= J [rad^4/s^4].
 
-    Torques, input limits and geometry are dropped. With the axes of all N = r n rotors as columns of Z,
-    F_k = k_f Z u_k. For fixed Z the least ||u_k||^2 is F_k^T M^+ F_k / k_f^2 with M = Z Z^T, trace M = N. With
+    Torques, input limits and geometry are dropped, and all rotors have the largest k_f. With the axes of all
+    N = r n rotors as columns of Z, F_k = k_f Z u_k. For fixed Z the least ||u_k||^2 is F_k^T M^+ F_k / k_f^2 with
+    M = Z Z^T, trace M = N. With
     Q = sum_k lambda_k F_k F_k^T, minimising trace(M^+ Q) over all positive semidefinite M of trace N gives
     (trace Q^(1/2))^2 / N, at M ~ Q^(1/2).
 
@@ -137,7 +139,7 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     # a sum of singular values is at least any <Y, rows> with |Y| <= 1; here Y = U V attains it
     change = float(np.sum((U @ V) * np.sqrt(weights / largest_weight)[:, None] * rod_force_change(task) / scale))
     root_trace = max(0.0, float(sigma.sum()) - loss + min(0.0, change))
-    thrust = root_trace * scale / task.module.thrust_coefficient
+    thrust = root_trace * scale / (task.module.thrust_coefficient * float(task.module.rotor_table.gains.max()))
     return thrust * thrust / task.rotor_count * largest_weight
 
 
@@ -145,16 +147,17 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
 def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     """Return the best dual value of the search, as a bound on J [rad^4/s^4].
 
-    The r rotors of a module at best share a thrust s m g equally, ||u_ik||^2 >= r (s_ik u_hover)^2, and s_ik <= T
-    as no rotor exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares. It holds for the
-    best of all axes, so that rotors with axes of their own do no better. If inputs may exceed their limits by
+    The r rotors of a module at best share a thrust s m g equally, by the largest k_f:
+    ||u_ik||^2 >= r (s_ik u_hover)^2, and s_ik <= T as no rotor exceeds its limit; `nlp.bounds.duality` bounds the
+    sum of the squares. It holds for the best of all axes, so that rotors with axes of their own do no better. If
+    inputs may exceed their limits by
     `accuracy`, a module's thrust exceeds [0, T] by d, which raises phi_k by at most d |t|, for t < 0.
     """
     result = _search(task)
     if result is None:
         return 0.0
     nu, f, weights, T, effort_scale, scale = result
-    d = accuracy * task.module.max_thrust_to_weight / scale
+    d = accuracy * task.module.max_thrust_to_weight * float(task.module.rotor_table.gains.mean()) / scale
     lengths = np.linalg.norm(nu, axis=1)
     force_error = accuracy * _platform_weight(task) / (task.n * Units.of(task).force) / scale
     change = float(np.sum(nu * rod_force_change(task))) / (task.n * Units.of(task).force) / scale
@@ -170,7 +173,8 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     raised weights; any multipliers are valid, and those with the greatest dual value at the true weights are
     returned.
     """
-    unit, T = Units.of(task), task.max_thrust_to_weight
+    unit, rotors = Units.of(task), task.module.rotor_table
+    T = task.max_thrust_to_weight * float(np.mean(rotors.gains * task.module.input_shares(task.gravity)))
     f, weights = total_forces(task) / (task.n * unit.force), _weights(task)
     scale, largest_weight = float(np.linalg.norm(f, axis=1).max()), float(weights.max())
     if scale == 0:
@@ -178,7 +182,7 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     # scaled for Ipopt, which works best with numbers near 1
     mean = float(np.mean(weights / largest_weight))
     f, weights, T = f / scale, weights / largest_weight / mean, T / scale
-    thrust = scale * unit.input
+    thrust = scale * unit.input / float(rotors.gains.max())
     effort_scale = task.rotor_count * thrust * thrust * mean * largest_weight
     largest = BOUND.max_multiplier * 2 * float(weights.max()) * T
     known_bound = closed_form(task) / effort_scale if 0 < effort_scale < math.inf else 0.0

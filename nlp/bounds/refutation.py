@@ -8,7 +8,9 @@ every force [m_t g], in every torque about the COM and about the end-effector [l
 import math
 from dataclasses import dataclass
 
-from topo_search.model import ResolvedTask
+import numpy as np
+
+from topo_search.model import Module, ResolvedTask
 from topo_search.model.proven import TOLERANCE
 
 
@@ -24,18 +26,28 @@ class Refutation:
 
 
 def largest_thrust(task: ResolvedTask) -> float:
-    """Return the thrust of all rotors at their limit, r n k_f rho u_max [N]."""
-    return task.rotor_count * task.module.thrust_coefficient * task.max_input
+    """Return the thrust of all rotors at their limits, r n k_f rho u_max if they are alike [N]."""
+    shares = task.module.rotor_table.gains * task.module.input_shares(task.gravity)
+    return task.n * float(shares.sum()) * task.module.thrust_coefficient * task.max_input
 
 
 def tolerated_thrust(task: ResolvedTask) -> float:
     """Return the audit's tolerance of the thrust of all rotors, beyond their limit and below zero [N]."""
-    return task.rotor_count * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
+    gains = task.n * float(task.module.rotor_table.gains.sum())
+    return gains * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
 
 
 def tolerated_force(task: ResolvedTask) -> float:
     """Return the audit's tolerance of a force, with the heaviest rod [N]."""
     return TOLERANCE * (task.force_unit(task.n) + task.heaviest_rod * task.gravity)
+
+
+def largest_drag(module: Module) -> float:
+    """Return the largest drag torque of a rotor over its thrust [m]."""
+    rotors = module.rotor_table
+    return (
+        float((np.abs(rotors.drags) / rotors.gains).max()) * module.torque_coefficient / module.thrust_coefficient
+    )
 
 
 def bodies_mass(task: ResolvedTask) -> float:

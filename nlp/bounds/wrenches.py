@@ -53,6 +53,7 @@ from nlp.bounds.refutation import (
     Refutation,
     bodies_mass,
     centre_offset,
+    largest_drag,
     largest_thrust,
     size_text,
     tolerated_force,
@@ -194,7 +195,9 @@ def refute_failures(task: ResolvedTask) -> Refutation | None:
         return None
     module, W, n = task.module, task.force_unit(task.n), task.n
     name = "hover, any rotor dead"
-    limit = (task.rotor_count - 1) * module.thrust_coefficient * module.max_input(task.gravity)
+    shares = module.rotor_table.gains * module.input_shares(task.gravity)
+    running = n * float(shares.sum()) - float(shares.max())
+    limit = running * module.thrust_coefficient * module.max_input(task.gravity)
     if limit * (1 + 2 * TOLERANCE) < W * (1 - 2 * TOLERANCE):
         weight_text, limit_text = excess_texts(W, limit)
         return Refutation(
@@ -242,7 +245,7 @@ def refute_torque(task: ResolvedTask, topology: Topology | None = None) -> Refut
     l_arm = module.arm_length * float(module.rotor_table.distances.max())
     distances = n * (n**2 - 1) // 3 if topology is None else int(topology.distances.sum())
     lever = 2 * module.connector_distance * distances / n**2 + centre_offset(task) + l_arm
-    limit = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
+    limit = largest_thrust(task) * (lever + largest_drag(module))
     required = [_least_torque(task, case) for case in task.load_cases]
     k = int(np.argmax(required))
     share = 1 + tolerated_thrust(task) / largest_thrust(task)

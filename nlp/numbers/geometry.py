@@ -283,7 +283,8 @@ def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
 
 def force_map(module: Module) -> Array:
     """Return the matrix from the inputs of a module to its force in its own frame, shape (3, r)."""
-    return np.asarray(module.rotor_table.axes.T / module.rotor_table.count)
+    rotors = module.rotor_table
+    return np.asarray((rotors.gains[:, None] * rotors.axes).T / rotors.count)
 
 
 def torque_map(module: Module) -> Array:

@@ -59,8 +59,10 @@ class Rotors(NamedTuple):
     """Force of each rotor at unit input in its module's frame, shape (r, 3)."""
     torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (r, 3)."""
-    u_min: float
-    u_max: float
+    u_min: Array
+    """Smallest inputs of all rotors, shape (r n,)."""
+    u_max: Array
+    """Largest inputs."""
 
 
 class Cases(NamedTuple):
@@ -152,6 +154,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return a task and a topology as arrays."""
     n, unit, module = topology.n, Units.of(task), task.module
     carried, fixed = masses(module, task.end_effector, topology), task.end_effector.fixed_position
+    shares = np.tile(module.input_shares(task.gravity), n)
     rotors = Rotors(
         module.connector_distance / unit.length,
         carried.tip,
@@ -162,8 +165,8 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         carried.rod,
         force_map(module).T.copy(),
         torque_map(module).T.copy(),
-        task.min_thrust_to_weight,
-        task.max_thrust_to_weight,
+        task.min_thrust_to_weight * shares,
+        task.max_thrust_to_weight * shares,
     )
     air, speeds = module.envelope, speeds_of(task)
     geometric = n + 2 + (3 if fixed is None else 0)

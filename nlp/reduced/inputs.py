@@ -205,7 +205,8 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
     column = np.empty(6)
     for a in range(6):
         column[a], A[dead, a] = A[dead, a], 0.0
-    value = dual(A, w, price, u_min, u_max, mu, u) - u_min * u_min / 2  # without the cost of the dead rotor
+    idle: float = u_min[dead]
+    value = dual(A, w, price, u_min, u_max, mu, u) - idle * idle / 2  # without the cost of the dead rotor
     for a in range(6):
         A[dead, a] = column[a]
     u[dead] = 0.0
@@ -228,7 +229,7 @@ def rotor_wrenches(problem: ReducedProblem, pose: ReducedPlatform) -> Array:
 
 
 @njit(cache=True)
-def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, u: Array) -> float:
+def dual(A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, u: Array) -> float:
     """Return phi / c, with rho' as `rho`; set mu to the maximum of the dual and u to the inputs there."""
     rotors = len(A)
     v, slope = np.empty(rotors), np.empty(rotors)
@@ -247,11 +248,11 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
             for a in range(6):
                 s += A[r, a] * mu[a]
             v[r] = s
-            u[r] = min(max(s, u_min), u_max)
+            u[r] = min(max(s, u_min[r]), u_max[r])
             if u[r] > 0.0:
                 for a in range(6):
                     g[a] -= A[r, a] * u[r]
-            if u_min < s < u_max:
+            if u_min[r] < s < u_max[r]:
                 for a in range(6):
                     for b in range(a + 1):
                         H[a, b] += A[r, a] * A[r, b]
@@ -276,7 +277,7 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
 
 @njit(cache=True, inner=True, allocates=False)
 def _line_search(
-    A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array
+    A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, d: Array, v: Array, slope: Array
 ) -> float:
     """Return the step size along d that maximises the concave dual: the root of its piecewise linear slope.
 
@@ -296,8 +297,8 @@ def _line_search(
         value, change = first - t * second, second
         for r in range(len(A)):
             input_at = v[r] + t * slope[r]
-            value -= slope[r] * min(max(input_at, u_min), u_max)
-            change += slope[r] * slope[r] if u_min < input_at < u_max else 0.0
+            value -= slope[r] * min(max(input_at, u_min[r]), u_max[r])
+            change += slope[r] * slope[r] if u_min[r] < input_at < u_max[r] else 0.0
         step = value / change
         if abs(step) <= 1e-13 * (1.0 + t):
             return t

@@ -134,7 +134,7 @@ def _speed_rows(
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
     for k in range(cases):
         for j in range(r * n):
-            free[j] = rotors.u_min < u[k, j] < rotors.u_max
+            free[j] = rotors.u_min[j] < u[k, j] < rotors.u_max[j]
         factored = False
         for point in range(points):
             row_number, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0

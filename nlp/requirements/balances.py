@@ -53,9 +53,10 @@ def wrench_matrix(point: Point) -> Array:
     table = module.rotor_table
     rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * table.positions)
     thrust_axis = np.einsum("iab,qb->iqa", R, table.axes)
-    torque = module.thrust_coefficient * cross(rotors, thrust_axis)
+    k_f = module.thrust_coefficient * table.gains[:, None]
+    torque = k_f * cross(rotors, thrust_axis)
     torque += table.drags[:, None] * module.torque_coefficient * thrust_axis
-    columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
+    columns = np.concatenate([k_f * thrust_axis, torque], axis=-1)
     return columns.reshape(-1, 6).T
 
 
@@ -98,18 +99,18 @@ def variable_bounds(
     bounds = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
     bounds += zip(*ranges(task, topology, alpha), strict=True)
     bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
-    alive = running_rotors(task).ravel()
-    bounds += zip(task.min_thrust_to_weight * alive, task.max_thrust_to_weight * alive, strict=True)
+    shares = running_rotors(task).ravel()
+    bounds += zip(task.min_thrust_to_weight * shares, task.max_thrust_to_weight * shares, strict=True)
     lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
 
 
 def running_rotors(task: ResolvedTask) -> Array:
-    """Return 1 for each rotor that runs in a load case and 0 for a dead one, shape (K, r n).
+    """Return the factor on the input limits of each rotor in each load case, shape (K, r n).
 
-    The input limits of a rotor are multiplied by it, so a dead rotor is exempt from the minimum input.
+    It is 1 unless the rotor has a limit of its own; 0 for a dead one, which is exempt from the minimum input.
     """
-    alive = np.ones((len(task.load_cases), task.rotor_count))
+    alive = np.tile(task.module.input_shares(task.gravity), (len(task.load_cases), task.n))
     for k, dead in enumerate(task.dead_rotors):
         if dead is not None:
             alive[k, dead] = 0.0

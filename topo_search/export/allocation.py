@@ -167,7 +167,8 @@ def allocation(design: Design) -> Allocation:
     task, module, poses, n = design.task, design.task.module, platform(design), design.topology.n
     k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
     o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
-    drags = np.tile(module.rotor_table.drags, n)
+    rotor_table = module.rotor_table
+    gains, drags, spins = (np.tile(x, n) for x in (rotor_table.gains, np.abs(rotor_table.drags), rotor_table.spins))
     B_T = thrust_matrix(module, poses)
     inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
     J = inertia(design, platform(design))
@@ -175,6 +176,7 @@ def allocation(design: Design) -> Allocation:
     moments, axes = np.linalg.eigh(J)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
     u_max = module.max_input(task.gravity)
+    thrusts = np.tile(rotor_table.gains * (k_f * module.max_inputs(task.gravity)), n)
     rotors = [
         Rotor(
             name=f"module_{i}_rotor_{q}",
@@ -182,17 +184,17 @@ def allocation(design: Design) -> Allocation:
             rotor=q,
             position_m=o[j].tolist(),
             axis=a[j].tolist(),
-            spin=-1 if drags[j] > 0 else 1,
-            thrust_coefficient=k_f,
-            torque_coefficient=k_tau,
-            largest_thrust_N=k_f * u_max,
+            spin=int(spins[j]),
+            thrust_coefficient=float(k_f * gains[j]),
+            torque_coefficient=float(k_tau * drags[j]),
+            largest_thrust_N=float(thrusts[j]),
         )
         for j, (i, q) in enumerate(np.ndindex(poses.rotors.shape[:2]))
     ]
-    hover = Hover(B_T, k_f * u_max, module.min_input, task.force_unit(n), module.arm_length)
+    hover = Hover(B_T, thrusts, module.min_input, task.force_unit(n), module.arm_length)
     return Allocation(
-        matrix=(k_f * B_T).tolist(),
-        pseudo_inverse=(inverse / k_f).tolist(),
+        matrix=(k_f * gains * B_T).tolist(),
+        pseudo_inverse=(inverse / (k_f * gains[:, None])).tolist(),
         thrust_matrix=B_T.tolist(),
         thrust_pseudo_inverse=inverse.tolist(),
         rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
@@ -211,7 +213,10 @@ def allocation(design: Design) -> Allocation:
 def thrust_matrix(module: Module, poses: Platform) -> Array:
     """Return B_T, shape (6, r n) [N and N m per N]."""
     o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
-    drag = np.tile(module.rotor_table.drags, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
+    rotors = module.rotor_table
+    drag = (
+        np.tile(rotors.drags / rotors.gains, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
+    )
     return np.concatenate([a, np.cross(o, a) + drag[:, None] * a], axis=1).T
 
 
@@ -223,16 +228,20 @@ def allocator_file(design: Design, platform_data: Allocation) -> str:
         platform_data: its allocation data.
     """
     module, weight = design.task.module, platform_data.mass_kg * design.task.gravity
+    shares = np.tile(module.input_shares(design.task.gravity), design.topology.n).tolist()
     data = {
         "PLATFORM": f"{design.task.name}, {design.topology.key}",
         "NAMES": tuple(rotor.name for rotor in platform_data.rotors),
         "MATRIX": platform_data.thrust_matrix,
-        "LEAST": tuple(rotor.thrust_coefficient * platform_data.least_input for rotor in platform_data.rotors),
+        "LEAST": tuple(
+            rotor.thrust_coefficient * platform_data.least_input * share
+            for rotor, share in zip(platform_data.rotors, shares, strict=True)
+        ),
         "LARGEST": tuple(rotor.largest_thrust_N for rotor in platform_data.rotors),
         "SCALE": (1 / weight,) * 3 + (TORQUE_FIRST / (module.arm_length * weight),) * 3,
         "FULL": module.thrust_coefficient * platform_data.largest_input,
         "WEIGHT": weight,
-        "THRUST_COEFFICIENT": module.thrust_coefficient,
+        "THRUST_COEFFICIENT": tuple(rotor.thrust_coefficient for rotor in platform_data.rotors),
     }
 
     def value(line: re.Match[str]) -> str:
@@ -347,7 +356,10 @@ def ct_factor(platform_data: Allocation) -> float:
     """Return the factor on the largest thrusts with which they are written as CT."""
     sizes, counts = _row_sizes(_largest_wrenches(platform_data))
     needed = WEAK / float(sizes[counts].min())
-    return min(LARGEST_CT / platform_data.rotors[0].largest_thrust_N, 2 * needed if needed >= 1 else 1.0)
+    return min(
+        LARGEST_CT / max(rotor.largest_thrust_N for rotor in platform_data.rotors),
+        2 * needed if needed >= 1 else 1.0,
+    )
 
 
 def _row_sizes(G: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -22,7 +22,7 @@ down: flip the signs of y and z of force and torque.) Columns are in the order o
     largest[5] = 0.0  # rotor 5 has failed
     thrusts, missed = allocate((1.5, 0, WEIGHT, 0, 0, 0.1), preferred=thrusts, largest=largest)
 
-Rotor j turns at sqrt(thrusts[j] / THRUST_COEFFICIENT) rad/s. A feasible wrench is met to rounding; otherwise
+Rotor j turns at sqrt(thrusts[j] / THRUST_COEFFICIENT[j]) rad/s. A feasible wrench is met to rounding; otherwise
 the nearest one is exerted, and `missed` is the difference. The result is deterministic, the number of steps is
 bounded, and thrusts always stay within their limits. Needs Python 3.10 or later.
 
@@ -56,7 +56,7 @@ FULL: float = 1.0
 """Thrust of a rotor at its largest speed [N]."""
 WEIGHT: float = 0.0
 """The platform's weight [N]."""
-THRUST_COEFFICIENT: float = 1.0
+THRUST_COEFFICIENT: tuple[float, ...] = ()
 """k_f [N s^2]."""
 
 PRICES = (1e4, 1e6, 1e8, 1e10, 1e12, 1e12)

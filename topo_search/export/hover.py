@@ -15,7 +15,8 @@ class Hover:
 
     B: Array
     """Wrench about the centre of mass per thrust, (6, N)."""
-    largest_thrust: float
+    largest_thrust: Array
+    """Largest thrust of each rotor, (N,) [N]."""
     least_share: float
     """Smallest thrust of a running rotor over the largest."""
     weight: float

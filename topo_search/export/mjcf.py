@@ -250,14 +250,13 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         add_tip(end_effector, design, rod, on_solid=starts_on_solid)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     actuator = SubElement(model, "actuator")
-    drags = module.rotor_table.drags.tolist()
     # module-major like the inputs
-    for i, (q, drag) in itertools.product(range(design.topology.n), enumerate(drags)):
-        rotor = f"module_{i}_rotor_{q}"
-        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(drag)], "name": rotor, "site": rotor})
+    for i, (q, spin) in itertools.product(range(design.topology.n), enumerate(module.rotor_table.spins)):
+        rotor, own = f"module_{i}_rotor_{q}", _own_motor(module, q, task.gravity)
+        SubElement(actuator, "general", {"class": SPIN_CLASSES[-spin], "name": rotor, "site": rotor, **own})
     keyframe = SubElement(model, "keyframe")
     for k, u_k in enumerate(design.inputs):  # at rest, with thrusts that have reached their controls
-        thrusts = numbers(*module.thrust_coefficient * u_k.ravel())
+        thrusts = numbers(*(module.thrust_coefficient * (module.rotor_table.gains * u_k)).ravel())
         running = {} if physics.motor_lag is None else {"act": thrusts}
         key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
         SubElement(keyframe, "key", key)
@@ -287,6 +286,16 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
         drag_per_thrust = spin * module.torque_coefficient / module.thrust_coefficient
         gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(module.min_input * limit, limit)
         SubElement(turning, "general", {"gear": gear, "ctrllimited": "true", "ctrlrange": span, **lag})
+
+
+def _own_motor(module: Module, q: int, gravity: float) -> dict[str, str]:
+    """Return what rotor q's motor has instead of its class; empty if all rotors are alike."""
+    rotors, ratio = module.rotor_table, module.torque_coefficient / module.thrust_coefficient
+    if rotors.is_uniform:
+        return {}
+    limit = float((module.thrust_coefficient * rotors.gains * module.max_inputs(gravity))[q])
+    drag = float(rotors.drags[q] / rotors.gains[q]) * ratio
+    return {"gear": numbers(0, 0, 1, 0, 0, drag), "ctrlrange": numbers(module.min_input * limit, limit)}
 
 
 def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
@@ -328,6 +337,10 @@ def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) 
             size = {} if arm.length == module.arm_length else {"size": numbers(*own)}
             SubElement(body, "geom", {"class": "arm", **size, **middle})
         place = {"pos": numbers(*arm.end)} | ({} if axis[2] == 1 else {"zaxis": numbers(*axis)})
-        SubElement(body, "geom", {"class": "rotor", **place})
+        radius = float(module.rotor_radii[q])
+        own_disc = (
+            {} if module.rotor_table.sizes[q] == 1 else {"size": numbers(radius, module.body.rotor_height / 2)}
+        )
+        SubElement(body, "geom", {"class": "rotor", **own_disc, **place})
         SubElement(body, "site", {"name": f"module_{i}_rotor_{q}", **place})
     return body

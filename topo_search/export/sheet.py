@@ -223,10 +223,10 @@ def ports(module: Module) -> str:
     svg = [HEAD.format(-86, -80, 172, 160, "a module from above: ports and rotors")]
     rotors = module.rotor_table
     scale = 36 / rotors.distances.max()
-    for q, ((x, y, _), drag) in enumerate(zip(scale * rotors.positions * [1, -1, 1], rotors.drags, strict=True)):
+    for q, ((x, y, _), spin) in enumerate(zip(scale * rotors.positions * [1, -1, 1], rotors.spins, strict=True)):
         svg.append(f'<line x1="0" y1="0" x2="{x:.2f}" y2="{y:.2f}" stroke="#ccc" stroke-width="3"/>')
         svg.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="18" fill="{palette.ROTOR}" fill-opacity="0.25"/>')
-        turn = "CCW" if drag < 0 else "CW"
+        turn = "CCW" if spin > 0 else "CW"
         svg.append(_text(x, y + 2, f"rotor {q}", 6))
         svg.append(_text(x, y + 9, turn, 6))
     for number, (x, y, _) in enumerate(PORT_DIRECTIONS.tolist()):

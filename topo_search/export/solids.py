@@ -149,10 +149,9 @@ def frame(module: Module) -> Mesh:
 
 def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
     """Return the rotor discs in the module frame."""
-    disc = cylinder(module.body.rotor_radius, module.body.rotor_height, sides)
-    rotors = module.rotor_table
-    hubs = zip(rotor_rotations(module), module.arm_length * rotors.positions, strict=True)
-    return [disc.move(turn, hub) for turn, hub in hubs]
+    hubs = module.arm_length * module.rotor_table.positions
+    discs = zip(module.rotor_radii.tolist(), rotor_rotations(module), hubs, strict=True)
+    return [cylinder(radius, module.body.rotor_height, sides).move(turn, hub) for radius, turn, hub in discs]
 
 
 def airflow(module: Module, *, sides: int = SIDES) -> Mesh:

@@ -78,8 +78,9 @@ def step_picture(design: Design, count: int, *, with_rod: bool = False) -> str:
 def _module(design: Design, poses: Platform, i: int, *, is_new: bool) -> Iterator[Face]:
     module, R, p = design.task.module, poses.R[i], poses.p[i]
     yield from _faces(frame(module).move(R, p), NEW if is_new else BUILT)
-    for centre, axis in zip(poses.rotors[i] + poses.p_com, poses.thrust_axes[i], strict=True):
-        rim = circle(centre, module.body.rotor_radius, axis, points=24)
+    hubs = poses.rotors[i] + poses.p_com
+    for centre, radius, axis in zip(hubs, module.rotor_radii, poses.thrust_axes[i], strict=True):
+        rim = circle(centre, radius, axis, points=24)
         yield Face(rim, NEW_ROTOR if is_new else BUILT_ROTOR, two_sided=True)
 
 

@@ -34,7 +34,7 @@ Link `module_0`: origin at the root module's centre, axes of the task frame. Oth
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
 Rotor Q at the squared speed u [rad^2/s^2] exerts the force {k_f!r} u [N] along z of the link
 `module_I_rotor_Q`, and the torque D {k_tau!r} u [N m] about it; u is at most {u_max!r}.
-D is {signs} for Q = 0, 1, ...
+D is {signs} for Q = 0, 1, ...{own}
 """
 
 
@@ -43,8 +43,15 @@ def urdf(design: Design) -> str:
     task, module, poses = design.task, design.task.module, platform(design)
     robot = Element("robot", name=task.name)
     u_max = module.max_input(task.gravity)
-    signs = ", ".join(f"{drag:+.0f}" for drag in module.rotor_table.drags)
-    comment = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max, signs=signs)
+    signs = ", ".join(f"{-spin:+d}" for spin in module.rotor_table.spins)
+    rotors, own = module.rotor_table, ""
+    if not rotors.is_uniform:
+        factors = zip(rotors.gains, np.abs(rotors.drags), module.input_shares(task.gravity), strict=True)
+        own = "\nForce, torque and largest u of rotor Q are these times " + "; ".join(
+            f"{f:.9g}, {t:.9g}, {u:.9g}" for f, t, u in factors
+        )
+    coefficients = {"k_f": module.thrust_coefficient, "k_tau": module.torque_coefficient}
+    comment = ABOUT.format(**coefficients, u_max=u_max, signs=signs, own=own)
     robot.append(Comment(comment))
     for name in ("MODULE", "ARM", "ROTOR", "END_EFFECTOR"):
         material = SubElement(robot, "material", name=name.lower())
@@ -92,9 +99,9 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
     link = SubElement(robot, "link", name=f"module_{i}")
     _inertial(link, module.mass, R @ np.diag(module.inertia) @ R.T)
     body = module.body
-    rotor = "cylinder", {"radius": numbers(body.rotor_radius), "length": numbers(body.rotor_height)}
     _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
-    for arm, turn in zip(arms(module), rotor_rotations(module), strict=True):
+    for arm, turn, radius in zip(arms(module), rotor_rotations(module), module.rotor_radii, strict=True):
+        rotor = "cylinder", {"radius": numbers(radius), "length": numbers(body.rotor_height)}
         bar = "box", {"size": numbers(arm.length, body.arm_width, body.arm_width)}
         if arm.length:
             _shape(link, bar, R @ (arm.end / 2), R @ arm.R, "arm")

@@ -172,7 +172,8 @@ def find_missed(design: Design, audit: Audit) -> tuple[Missed, ...]:
         "flight.com_error": hover.com_error_m or 0.0,
         "tolerances.hinge_angle_deg": audit.flight.hinge_tolerance_deg or 0.0,
         "tolerances.position": max(0.0, min(clearances, default=0.0)) / 2,  # both bodies of a pair may move
-        "module.min_input": max(0.0, float(np.min(design.rotor_speeds_squared))) / task.max_input,
+        "module.min_input": max(0.0, float(np.min(design.inputs / task.module.max_inputs(task.gravity))))
+        / task.search.peak_input,
     }
     dropped = [Missed(field=path, asked=FLYING[path], held=held[path]) for path in task.flight.dropped]
     return tuple(x for x in dropped if np.any(np.less(x.held, np.multiply(NEARLY, x.asked)))) or tuple(dropped)

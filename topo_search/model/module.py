@@ -39,6 +39,7 @@ from pydantic import Field, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, RegionAirflow, Thrust
+from topo_search.model.arrays import Array
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
 from topo_search.model.rotors import ModuleRotor, RotorTable, table_of, x_quadrotor
@@ -164,7 +165,7 @@ class Module(Value):
         regions = self.airflow.regions
         if regions is None:
             return None
-        start = regions.start_radius or self.arm_length * self.rotor_table.span + self.body.rotor_radius
+        start = regions.start_radius or self.arm_length * self.rotor_table.span + float(self.rotor_radii.max())
         return FilledAirflow(start, regions.spread_angle_deg, regions.reach or self.reach)
 
     @property
@@ -184,7 +185,15 @@ class Module(Value):
     @property
     def rotor_table(self) -> RotorTable:
         """The module's rotors."""
-        return x_quadrotor() if self.rotors is None else table_of(self.rotors, self.arm_length)
+        if self.rotors is None:
+            return x_quadrotor()
+        sizes = self.arm_length, self.thrust_coefficient, self.torque_coefficient, self.body.rotor_radius
+        return table_of(self.rotors, *sizes)
+
+    @property
+    def rotor_radii(self) -> Array:
+        """Radii of the rotors, shape (r,) [m]."""
+        return self.body.rotor_radius * self.rotor_table.sizes
 
     def hover_input(self, gravity: float) -> float:
         """Return the squared rotor speed at which thrusts add up to the module's weight [rad^2/s^2]."""
@@ -201,6 +210,15 @@ class Module(Value):
     def max_input(self, gravity: float) -> float:
         """u_max: the largest squared rotor speed [rad^2/s^2]."""
         return self.max_thrust_to_weight * self.hover_input(gravity)
+
+    def max_inputs(self, gravity: float) -> Array:
+        """Return the largest squared speed of each rotor, shape (r,) [rad^2/s^2]."""
+        return self.max_input(gravity) * self.input_shares(gravity)
+
+    def input_shares(self, gravity: float) -> Array:
+        """Return the largest squared speeds of the rotors over u_max, shape (r,)."""
+        rotors, thrust = self.rotor_table, self.thrust_coefficient * self.max_input(gravity)
+        return np.where(rotors.limits, rotors.limits / thrust, 1.0) / rotors.gains
 
     def tip_speed(self, u: float) -> float:
         """Return the tip speed of a rotor at the squared speed u [m/s]."""

@@ -100,7 +100,7 @@ def body_radius(module: Module) -> float:
     body, rotors = module.body, module.rotor_table
     heights = module.arm_length * np.sum(rotors.positions * rotors.axes, axis=1)
     lengths = module.arm_length * rotors.distances
-    across = np.sqrt(np.maximum(0.0, lengths**2 - heights**2)) + body.rotor_radius
+    across = np.sqrt(np.maximum(0.0, lengths**2 - heights**2)) + module.rotor_radii
     rims = map(math.hypot, across, np.abs(heights) + body.rotor_height / 2)
     return max(*rims, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
 
@@ -128,14 +128,14 @@ def bracket_obstacle(module: Module) -> str | None:
     l_arm, rotors = module.arm_length, module.rotor_table
     beyond = np.maximum(x - l_arm * rotors.along_ports, 0.0)
     beside = np.maximum(l_arm * rotors.across_ports - r, 0.0)
-    return "the rotors" if np.hypot(beyond, beside).min() < module.body.rotor_radius else None
+    return "the rotors" if bool((np.hypot(beyond, beside) < module.rotor_radii[:, None]).any()) else None
 
 
 def rotor_reach(module: Module) -> float:
-    """Return how far rotors reach from the module's centre towards any port, less their radius [m]."""
-    body, rotors = module.body, module.rotor_table
+    """Return how far rotors reach from the module's centre towards any port, less `body.rotor_radius` [m]."""
+    body, rotors, R = module.body, module.rotor_table, module.rotor_radii[:, None]
     steep = np.abs(rotors.axes @ PORT_DIRECTIONS.T)
-    disc = body.rotor_radius * (np.sqrt(1 - np.minimum(steep, 1.0) ** 2) - 1) + body.rotor_height / 2 * steep
+    disc = R * np.sqrt(1 - np.minimum(steep, 1.0) ** 2) - body.rotor_radius + body.rotor_height / 2 * steep
     return float((module.arm_length * rotors.along_ports + disc).max())
 
 
@@ -143,7 +143,7 @@ def _rotor_top(module: Module) -> float:
     """Return the largest distance of a point of a rotor from the module's plane [m]."""
     body, rotors = module.body, module.rotor_table
     upright = np.minimum(np.abs(rotors.axes[:, 2]), 1.0)
-    disc = body.rotor_radius * np.sqrt(1 - upright**2) + body.rotor_height / 2 * upright
+    disc = module.rotor_radii * np.sqrt(1 - upright**2) + body.rotor_height / 2 * upright
     return float((np.abs(module.arm_length * rotors.positions[:, 2]) + disc).max())
 
 
@@ -308,18 +308,20 @@ def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
 
     Seen from the other module the fold is the same, so one module's rotors suffice.
     """
-    rotors, half_turn = _from_ports(module, _rotor_ends(module)), np.diag([-1.0, -1.0, 1.0])
-    radius, offset = module.body.rotor_radius, np.array([module.connector_distance, 0.0, 0.0])
-    parts = [_Part(ends @ half_turn + offset, radius) for ends in rotors]
+    half_turn, offset = np.diag([-1.0, -1.0, 1.0]), np.array([module.connector_distance, 0.0, 0.0])
+    sizes = dict.fromkeys(module.rotor_radii.tolist())
+    discs = [(ends, R) for R in sizes for ends in _from_ports(module, _rotor_ends(module, R))]
+    parts = [_Part(ends @ half_turn + offset, R) for ends, R in discs]
     parts += [_Part(corners @ half_turn + offset) for corners in _from_ports(module, frame_pieces(module))]
-    return [(_Part(ends - offset, radius), part) for ends in rotors for part in parts]
+    return [(_Part(ends - offset, R), part) for ends, R in discs for part in parts]
 
 
-def _rotor_ends(module: Module) -> list[Array]:
-    """Return the centres of the faces of each rotor disc, shape (2, 3) [m]."""
+def _rotor_ends(module: Module, radius: float) -> list[Array]:
+    """Return the centres of the faces of each rotor disc of a radius, shape (2, 3) [m]."""
     rotors, half_height = module.rotor_table, module.body.rotor_height / 2
     centres = module.arm_length * rotors.positions
-    return list(np.stack([centres - half_height * rotors.axes, centres + half_height * rotors.axes], axis=1))
+    ends = np.stack([centres - half_height * rotors.axes, centres + half_height * rotors.axes], axis=1)
+    return list(ends[module.rotor_radii == radius])
 
 
 def _from_ports(module: Module, parts: list[Array]) -> list[Array]:
@@ -443,7 +445,7 @@ def whole_cover(module: Module) -> Balls:
 
 def _rotor_balls(module: Module) -> Balls:
     rotors = module.arm_length * module.rotor_table.positions
-    return Balls(rotors, np.full(len(rotors), math.hypot(module.body.rotor_radius, module.body.rotor_height / 2)))
+    return Balls(rotors, np.hypot(module.rotor_radii, module.body.rotor_height / 2))
 
 
 def _join_balls(balls: Balls, boxes: list[_Box]) -> Balls:
@@ -543,7 +545,7 @@ def _airflow_clearance(module: Module, phi: Array) -> Array:
         P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
         from_rotors = P[:, :, : len(rotors)] - rotors
         height = np.sum(from_rotors * axes, axis=-1)
-        beside = np.linalg.norm(from_rotors - height[..., None] * axes, axis=-1) - body.rotor_radius
+        beside = np.linalg.norm(from_rotors - height[..., None] * axes, axis=-1) - module.rotor_radii
         above = np.abs(height) - body.rotor_height / 2
         apart = [np.hypot(np.maximum(0.0, beside), np.maximum(0.0, above))]
         apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=len(rotors))]

@@ -31,16 +31,17 @@ def broken_rotors(task: Task) -> Broken:
 def _broken_table(module: Module) -> Broken:
     """Yield broken rules about the table itself."""
     assert module.rotors is not None
-    farthest, table = module.connector_distance + module.body.rotor_radius, module.rotor_table
-    for q, rotor in enumerate(module.rotors):
-        if (distance := math.hypot(*rotor.position)) > farthest:
+    table, radii = module.rotor_table, module.rotor_radii
+    for q, (rotor, radius) in enumerate(zip(module.rotors, radii.tolist(), strict=True)):
+        if (distance := math.hypot(*rotor.position)) > (farthest := module.connector_distance + radius):
             rule = f"must be at most connector_distance + body.rotor_radius = {farthest:.4g} m from the centre"
             text = f"{rule}, but got {show(rotor.position)}, {distance:.4g} m away"
             yield ("module", "rotors", q, "position"), text
-    if (pair := discs_meet(table, module.body.rotor_radius / module.arm_length)) is not None:
+    if (pair := discs_meet(table, radii / module.arm_length)) is not None:
         first, second = pair
         apart = math.dist(module.rotors[first].position, module.rotors[second].position)
-        rule = f"must not overlap rotors[{first}]: discs of body.rotor_radius = {module.body.rotor_radius:g} m"
+        sizes = " and ".join(f"{radius:g} m" for radius in dict.fromkeys(radii[[first, second]].tolist()))
+        rule = f"must not overlap rotors[{first}]: discs of body.rotor_radius = {sizes}"
         text = f"{rule} need more room, but got centres {apart:.4g} m apart"
         yield ("module", "rotors", second, "position"), text
     axes = [rotor.axis for rotor in module.rotors]
@@ -72,24 +73,24 @@ def _broken_air(task: Task) -> Broken:
         yield ("exposure", regions[0]), f"{rule}: set geometry = false, but got {tilt_deg:.4g} deg"
 
 
-def discs_meet(rotors: RotorTable, radius: float) -> tuple[int, int] | None:
-    """Return the numbers of two rotors whose discs, of a radius in l_arm, have a point in common; None without any.
+def discs_meet(rotors: RotorTable, radii: Array) -> tuple[int, int] | None:
+    """Return the numbers of two rotors whose discs, of radii (r,) in l_arm, meet; None without any.
 
     Alternating projections onto two convex sets converge to their nearest points.
     """
     for first, second in itertools.combinations(range(rotors.count), 2):
-        if np.linalg.norm(rotors.positions[first] - rotors.positions[second]) >= 2 * radius:
+        if np.linalg.norm(rotors.positions[first] - rotors.positions[second]) >= radii[first] + radii[second]:
             continue
         x = y = rotors.positions[first]
         for _ in range(PROJECTIONS):
-            y = _onto_disc(rotors, second, radius, x)
-            x = _onto_disc(rotors, first, radius, y)
-        if np.linalg.norm(x - y) <= NEAR * radius:
+            y = _onto_disc(rotors, second, radii, x)
+            x = _onto_disc(rotors, first, radii, y)
+        if np.linalg.norm(x - y) <= NEAR * radii[first]:
             return first, second
     return None
 
 
-def _onto_disc(rotors: RotorTable, q: int, radius: float, x: Array) -> Array:
+def _onto_disc(rotors: RotorTable, q: int, radii: Array, x: Array) -> Array:
     centre, axis = rotors.positions[q], rotors.axes[q]
     across = x - centre - (x - centre) @ axis * axis
-    return np.asarray(centre + min(1.0, radius / max(float(np.linalg.norm(across)), 1e-300)) * across)
+    return np.asarray(centre + min(1.0, float(radii[q]) / max(float(np.linalg.norm(across)), 1e-300)) * across)

@@ -8,7 +8,7 @@ Solver, audit and exports read it; nothing else says how many rotors a module ha
 | delta_q | its position | (3,) | l_arm |
 | a_q | direction of its thrust | (3,) | |
 | z, tilt | axis of the module, along the sum of all a_q; largest angle of an a_q with it | (3,), | , rad |
-| k_f, k_tau | thrust and drag torque of a rotor over its input | | N s^2, N m s^2 |
+| k_f, k_tau | thrust and drag torque of a rotor over its input, by default | | N s^2, N m s^2 |
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
-from topo_search.model.value import Broken, Value, Vector
+from topo_search.model.value import Broken, Omitted, Positive, Value, Vector
 
 UP = read_only([0.0, 0.0, 1.0])
 SAME = 1e-9
@@ -42,6 +42,14 @@ class ModuleRotor(Value):
     """Direction of its thrust, of any length."""
     spin: Literal[-1, 1]
     """1: counter-clockwise seen from the side that the thrust points to; -1: clockwise."""
+    thrust_coefficient: Omitted[Positive] = None
+    """Its k_f, if not the module's [N s^2]."""
+    torque_coefficient: Omitted[Positive] = None
+    """Its k_tau, if not the module's [N m s^2]."""
+    max_thrust: Omitted[Positive] = None
+    """Its largest thrust, if not the module's [N]."""
+    radius: Omitted[Positive] = None
+    """Radius of its disc, if not that of the module's body [m]."""
 
     def _broken_rules(self) -> Broken:
         if not math.hypot(*self.axis) > 1e-12:
@@ -59,8 +67,14 @@ class RotorTable:
     axes: Array
     """a_q, shape (r, 3)."""
     drags: Array
-    """Torque of each rotor along its axis over k_tau times its input: -1 if it turns counter-clockwise seen against
-    its thrust, shape (r,)."""
+    """Torque of each rotor along its axis over k_tau times its input, shape (r,): negative if it turns
+    counter-clockwise seen against its thrust."""
+    gains: Array
+    """Thrust of each rotor over k_f times its input, shape (r,)."""
+    sizes: Array
+    """Radii of the discs over the radius of the module's body, shape (r,)."""
+    limits: Array
+    """Largest thrusts of rotors with one of their own, shape (r,) [N]; 0: the module's."""
 
     @property
     def count(self) -> int:
@@ -94,7 +108,23 @@ class RotorTable:
         Args:
             drag: k_tau / k_f [l_arm].
         """
-        return np.asarray(np.cross(self.positions, self.axes) + (drag * self.drags)[:, None] * self.axes)
+        thrusts = self.gains[:, None] * np.cross(self.positions, self.axes)
+        return np.asarray(thrusts + (drag * self.drags)[:, None] * self.axes)
+
+    @property
+    def spins(self) -> list[int]:
+        """1 for rotors that turn counter-clockwise seen against their thrust, else -1, shape (r,)."""
+        return [-1 if drag > 0 else 1 for drag in self.drags]
+
+    @property
+    def is_uniform(self) -> bool:
+        """True if all rotors have the module's coefficients, largest thrust and radius."""
+        return bool(np.all(self.kinds == [1.0, 1.0, 1.0, 0.0]))
+
+    @property
+    def kinds(self) -> Array:
+        """Factors on thrust, drag and radius of each rotor, and largest thrusts [N], shape (r, 4)."""
+        return np.column_stack([self.gains, np.abs(self.drags), self.sizes, self.limits])
 
     @property
     def tilt(self) -> float:
@@ -103,28 +133,33 @@ class RotorTable:
 
     def is_same_as(self, other: RotorTable) -> bool:
         """Return whether both have the same rotors in the same order."""
-        mine, its = (np.column_stack([table.positions, table.axes, table.drags]) for table in (self, other))
+        tables = (self, other)
+        mine, its = (np.column_stack([part.positions, part.axes, part.drags, part.kinds]) for part in tables)
         return mine.shape == its.shape and bool(np.abs(mine - its).max() <= SAME)
 
     @property
     def is_x(self) -> bool:
         """True for four parallel rotors in an X, for which the jet model was measured; whatever their spins."""
         X = x_quadrotor()
-        return self.count == X.count and bool(
-            np.allclose(self.positions, X.positions, rtol=0.0, atol=X_ERROR) and self.tilt <= X_ERROR
+        return (
+            self.count == X.count
+            and self.is_uniform
+            and bool(np.allclose(self.positions, X.positions, rtol=0.0, atol=X_ERROR) and self.tilt <= X_ERROR)
         )
 
     @property
     def is_flat_quadrotor(self) -> bool:
         """True for four rotors along the module's axis, no farther than l_arm from its centre."""
-        return self.count == x_quadrotor().count and bool(self.tilt <= SAME and self.distances.max() <= 1 + SAME)
+        flat = self.tilt <= SAME and self.distances.max() <= 1 + SAME
+        return self.count == x_quadrotor().count and self.is_uniform and bool(flat)
 
     def has_symmetry(self, Q: Array) -> bool:
         """Return whether a turn or a mirror maps the rotors onto each other; a mirror reverses spins."""
         images = self.images(Q)
         moved, turned = self.positions @ Q.T - self.positions[images], self.axes @ Q.T - self.axes[images]
         same_spins = np.linalg.det(Q) * self.drags - self.drags[images]
-        return all(bool(np.abs(part).max() <= SAME) for part in (moved, turned, same_spins))
+        kinds = self.kinds - self.kinds[images]
+        return all(bool(np.abs(part).max() <= SAME) for part in (moved, turned, same_spins, kinds))
 
     def images(self, Q: Array) -> NDArray[np.intp]:
         """Return the rotor that each one falls on if the module is turned or mirrored by Q, shape (r,)."""
@@ -151,8 +186,16 @@ def _arm_axes(along: Array) -> Array:
 
 
 @functools.lru_cache(maxsize=64)
-def table_of(rotors: Sequence[ModuleRotor], l_arm: float) -> RotorTable:
-    """Return rotors as a table; a rotor at the module's centre has an arm of no length along x."""
+def table_of(rotors: Sequence[ModuleRotor], l_arm: float, k_f: float, k_tau: float, R: float) -> RotorTable:
+    """Return rotors as a table; a rotor at the module's centre has an arm of no length along x.
+
+    Args:
+        rotors: the rotors.
+        l_arm: unit of lengths [m].
+        k_f: thrust coefficient of rotors that have none of their own [N s^2].
+        k_tau: same for the torque coefficient [N m s^2].
+        R: same for the radius [m].
+    """
     positions = np.array([rotor.position for rotor in rotors]) / l_arm
     axes = np.array([rotor.axis for rotor in rotors])
     distances = np.linalg.norm(positions, axis=1)
@@ -161,13 +204,17 @@ def table_of(rotors: Sequence[ModuleRotor], l_arm: float) -> RotorTable:
         np.where(at_centre[:, None], [1.0, 0.0, 0.0], positions) / np.where(at_centre, 1.0, distances)[:, None]
     )
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    drags = [-rotor.spin for rotor in rotors]
-    return RotorTable(*map(read_only, (directions, np.where(at_centre, 0.0, distances), axes, drags)))
+    drags = [-rotor.spin * ((rotor.torque_coefficient or k_tau) / k_tau) for rotor in rotors]
+    gains = [(rotor.thrust_coefficient or k_f) / k_f for rotor in rotors]
+    sizes, limits = [(rotor.radius or R) / R for rotor in rotors], [rotor.max_thrust or 0.0 for rotor in rotors]
+    distances = np.where(at_centre, 0.0, distances)
+    return RotorTable(*map(read_only, (directions, distances, axes, drags, gains, sizes, limits)))
 
 
 @functools.cache
 def x_quadrotor() -> RotorTable:
     """Return four rotors in an X, one arm length from the centre, which turn in alternate senses."""
     corners = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
-    tables = corners / math.sqrt(2), np.ones(len(corners)), np.tile(UP, (len(corners), 1)), [-1.0, 1.0, -1.0, 1.0]
-    return RotorTable(*map(read_only, tables))
+    ones = np.ones(len(corners))
+    tables = corners / math.sqrt(2), ones, np.tile(UP, (len(corners), 1)), [-1.0, 1.0, -1.0, 1.0]
+    return RotorTable(*map(read_only, (*tables, ones, ones, 0 * ones)))

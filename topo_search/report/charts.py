@@ -100,8 +100,8 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
 
 def rotor_inputs(design: Design) -> Figure:
     """Return the chart of every rotor input relative to u_max, a trace per load case."""
-    u_max = design.task.module.max_input(design.task.gravity)
     n = design.topology.n
+    u_max = np.tile(design.task.module.max_inputs(design.task.gravity), n)
     rotors = design.task.module.rotor_table.count
     x = np.arange(n).repeat(rotors) + np.tile(np.linspace(-0.3, 0.3, rotors), n)
     names = [f"module {i}, rotor {q}" for i in range(n) for q in range(rotors)]

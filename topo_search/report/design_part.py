@@ -131,17 +131,17 @@ def user_constraints(design: Design, audit: Audit | None) -> Table | None:
 
 def loads(design: Design) -> Table:
     """Return the smallest and largest input of every load case, and its share of the control effort."""
-    u_max = design.task.module.max_input(design.task.gravity)
-    k_f = design.task.module.thrust_coefficient
+    u_max = design.task.module.max_inputs(design.task.gravity)
+    k_f = design.task.module.thrust_coefficient * design.task.module.rotor_table.gains
     rows = []
     for k, (u, case) in enumerate(zip(design.inputs, design.task.load_cases, strict=True)):
         effort = case.weight * float(np.sum(u * u))
         share = effort / design.objective if design.objective else 0.0
         row = {
             "load case": f"{k} ({case.name})" if case.name else str(k),
-            "smallest input": f"{lower_text(float(u.min()) / u_max, 4)} u_max",
-            "largest input": f"{upper_text(float(u.max()) / u_max, 4)} u_max",
-            "thrust of all rotors": f"{figures(k_f * float(u.sum()))} N",
+            "smallest input": f"{lower_text(float((u / u_max).min()), 4)} u_max",
+            "largest input": f"{upper_text(float((u / u_max).max()), 4)} u_max",
+            "thrust of all rotors": f"{figures(float((k_f * u).sum()))} N",
             "share of J": f"{100 * share:.1f} %",
         }
         rows.append(row)

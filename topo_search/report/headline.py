@@ -97,7 +97,7 @@ def headline(
         status = "fragile" * bool(air.fast)
         yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model", status)
     yield Tile("Modules", str(n), compared)
-    throttle = design.inputs / design.task.module.max_input(design.task.gravity)
+    throttle = design.inputs / design.task.module.max_inputs(design.task.gravity)
     mean = f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases"
     yield Tile("Peak throttle", rounded_up(100 * float(throttle.max()), " %"), mean)
     if flight is None:

@@ -157,10 +157,12 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
     by_name = {"airflow": solids.airflow(module, sides=sides), "modules": solids.frame(module)}
     by_name |= {f"rotor {q}": disc for q, disc in enumerate(solids.rotor_discs(module, sides=sides))}
     for drag, name in SPINS.items():
-        turns = rotors.drags == drag
         turning = [
-            ring(l_arm * hub + height * axis, -drag * axis, 0.7 * body.rotor_radius, 0.05 * body.rotor_radius)[0]
-            for hub, axis in zip(rotors.positions[turns], rotors.axes[turns], strict=True)
+            ring(l_arm * hub + height * axis, -drag * axis, 0.7 * radius, 0.05 * radius)[0]
+            for hub, axis, radius, spin in zip(
+                rotors.positions, rotors.axes, module.rotor_radii, rotors.spins, strict=True
+            )
+            if spin == -drag
         ]
         by_name[name] = join(turning)
     by_name["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]

@@ -80,6 +80,11 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     if module.rotors is not None:
         tilt = math.degrees(module.rotor_table.tilt)
         yield "rotors", f"{module.rotor_table.count}, with axes up to {figures(tilt, 3)}° from the module's"
+        if not module.rotor_table.is_uniform:
+            thrusts = k_f * module.rotor_table.gains * module.max_inputs(task.gravity)
+            text = ", ".join(f"{figures(thrust, 3)} N" for thrust in thrusts.tolist())
+            yield "largest thrusts of the rotors", text
+            yield "control effort", "of squared inputs, which is then not that of squared thrusts"
     kept = "" if 0.9 <= module.jet_momentum <= 1.1 else "; a jet that keeps its momentum has 0.9 to 1.1"
     jet = f"{figures(module.jet_momentum, 3)} of the thrust far below, by airflow.jet{kept}"
     measured = module.rotor_table.is_x

@@ -103,7 +103,8 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
     """
     module, weight = design.task.module, design.task.force_unit(design.topology.n)
     scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
-    largest = module.max_input(design.task.gravity) * module.thrust_coefficient
+    largest = np.tile(module.max_inputs(design.task.gravity) * module.rotor_table.gains, design.topology.n)
+    largest *= module.thrust_coefficient
     F, T = np.split(largest * thrust_matrix(module, poses) / scale, 2)
     x, y, z = poses.p_e / module.arm_length
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f
@@ -124,7 +125,6 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
-    u_max = design.task.module.max_input(design.task.gravity)
     return {
         "parts": [part.dump() for part in scene(design, poses, nearest, assembly)],
         "towards": towards_viewer(azimuth_deg(poses)).round(4).tolist(),
@@ -133,7 +133,7 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
         "numbered": design.topology.n <= NUMBERED,
         "marks": [["tip", poses.end_effector.round(6).tolist()], ["centre of mass", poses.p_com.round(6).tolist()]],
         "modules": _modules(design, poses, audit),
-        "throttle": (design.inputs / u_max).round(6).tolist(),
+        "throttle": (design.inputs / design.task.module.max_inputs(design.task.gravity)).round(6).tolist(),
         "air": _air(design) if design.task.module.rotor_table.is_x else None,
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
@@ -240,9 +240,10 @@ def thumbnail(design: Design, side: int = 36) -> Markup:
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(right, towards)])  # right and down, like pixels
     angles = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
-    circle = design.task.module.body.rotor_radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    circle = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    circles = design.task.module.rotor_radii[:, None, None] * circle
     hubs = poses.p_com + poses.rotors
-    discs = hubs[:, :, None] + np.einsum("nij,cj->nci", poses.R, circle)[:, None]
+    discs = hubs[:, :, None] + np.einsum("nij,qcj->nqci", poses.R, circles)
     outline = np.concatenate([discs.reshape(-1, 3), poses.end_effector[None]]) @ axes.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     tip = max(3, side // 40)

@@ -38,7 +38,7 @@ def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, fl
         allocator.stop_rotor(dead)
     T, missing = allocator.thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
     residual = np.abs(missing) / nominal.weight / np.repeat([1.0, nominal.arm], 3)
-    return float(residual.max()), float(T.max()) / nominal.largest_thrust
+    return float(residual.max()), float((T / nominal.largest_thrust).max())
 
 
 def hardest_rotor(nominal: Nominal) -> int:
@@ -79,7 +79,7 @@ def hover_losses(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, flo
 def describe_losses(nominal: Nominal, wakes: tuple[float, ...]) -> str:
     """Return a note on the thrust lost to wakes in hover, and whether the rotors can make up for it."""
     thrusts, share = hover_losses(nominal, wakes)
-    lost, full = nominal.B @ thrusts, np.full(len(wakes), nominal.largest_thrust)
+    lost, full = nominal.B @ thrusts, nominal.largest_thrust
     force, torque = np.linalg.norm(lost[:3]), np.linalg.norm(lost[3:])
     residual, _ = hover_residual(replace(nominal, B=nominal.B * in_wakes(full, np.array(wakes)) / full))
     comparison = "more" if residual > HOVER_TOLERANCE else "less"

@@ -58,7 +58,8 @@ class Nominal:
     """c."""
     J: Array
     B: Array
-    largest_thrust: float
+    largest_thrust: Array
+    """Largest thrust of each rotor, (N,) [N]."""
     least_share: float
     """Smallest thrust of a running rotor over the largest."""
     gravity: float
@@ -214,14 +215,14 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
         m += mass
     B = np.ascontiguousarray(thrust_matrix(module, built))  # products of arrays depend on their layout, bit by bit
     B[3:] -= np.cross(c, B[:3].T).T
-    u_max = module.max_input(task.gravity)
+    thrusts = module.thrust_coefficient * module.max_inputs(task.gravity) * module.rotor_table.gains
     return Nominal(
         mass=m,
         com=read_only(c),
         J=read_only(J),
         B=read_only(B),
-        largest_thrust=module.thrust_coefficient * u_max,
-        least_share=task.min_input / u_max,
+        largest_thrust=read_only(np.tile(thrusts, design.topology.n)),
+        least_share=task.min_input / module.max_input(task.gravity),
         gravity=task.gravity,
         arm=module.arm_length,
         tip=read_only(built.p_e - c),

@@ -183,7 +183,7 @@ def _front_point(row: Row, design: Design, audit: Audit, number: int, level: Lev
         row=row,
         clearance=clearance,
         stand_off=None if exclusion is None else exclusion + (task.exclusion_radius or 0.0),
-        peak_input=float(design.inputs.max()) / task.module.max_input(task.gravity),
+        peak_input=float((design.inputs / task.module.max_inputs(task.gravity)).max()),
         number=number,
         level=level,
         speed=None if audit.air is None else audit.air.region_m_s,

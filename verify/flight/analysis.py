@@ -86,7 +86,7 @@ def flight(found: Findings) -> Flight | None:
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
         rod_moment_Nm=None if rod is None or not is_ignored else rod_moment(rod, placed, task.gravity),
-        span_m=clamp(span + 2 * task.module.body.rotor_radius),
+        span_m=clamp(span + 2 * float(task.module.rotor_radii.max())),
     )
 
 
@@ -105,8 +105,8 @@ def case_reserves(design: Design, analysis: CapabilityAnalysis | None = None) ->
 def _analysis(design: Design, offset: Array) -> CapabilityAnalysis:
     """Return the analysis of a design whose centre of mass is off by a vector [m]."""
     task, placed = design.task, platform(design)
-    max_input = task.module.max_input(task.gravity)
-    A = wrench_map(placed, task.module) * max_input
+    max_inputs = np.tile(task.module.max_inputs(task.gravity), task.n)
+    A = wrench_map(placed, task.module) * max_inputs
     N = A.shape[1]
     return CapabilityAnalysis(
         np.vstack([A[:3], _torques_about(offset, A)]),
@@ -114,7 +114,7 @@ def _analysis(design: Design, offset: Array) -> CapabilityAnalysis:
         (task.force_unit(task.n), task.module.arm_length),
         Bounds(np.full(N, task.module.min_input), np.ones(N)),
         dict(zip(task.case_labels, task.load_cases, strict=True)),
-        [None, *(design.inputs.reshape(len(task.load_cases), N) / max_input)],
+        [None, *(design.inputs.reshape(len(task.load_cases), N) / max_inputs)],
         inertia(design, placed),
         task.flight.rotor_out_torque,
         design.topology.n,
@@ -396,12 +396,12 @@ def _joint_loads(
     analysis: CapabilityAnalysis, design: Design, platform: Platform, holder: int | None
 ) -> tuple[JointLoad, ...]:
     """Return the load of every joint in every case that has inputs."""
-    max_input = design.task.module.max_input(design.task.gravity)
+    max_inputs = design.task.module.max_inputs(design.task.gravity)
     return tuple(
         load
         for case, v, name in zip(analysis.load_cases, analysis.v, analysis.names, strict=True)
         if v is not None
-        for load in joint_loads(design, platform, case, v.reshape(design.topology.n, -1) * max_input, name, holder)
+        for load in joint_loads(design, platform, case, v.reshape(design.topology.n, -1) * max_inputs, name, holder)
     )
 
 

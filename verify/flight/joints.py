@@ -70,7 +70,7 @@ class _PlatformLoads:
         task, module = design.task, design.task.module
         n, rotors = design.topology.n, module.rotor_table
         self._o, self._p_E, self._c = platform.o, platform.p_e, platform.joints
-        thrusts = module.thrust_coefficient * u[:, :, None] * platform.thrust_axes
+        thrusts = module.thrust_coefficient * (rotors.gains * u)[:, :, None] * platform.thrust_axes
         drags = module.torque_coefficient * ((rotors.drags * u)[:, :, None] * rotors.axes).sum(axis=1)
         drags = np.einsum("nij,nj->ni", platform.R, drags)
         self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
