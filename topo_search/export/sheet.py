@@ -98,29 +98,30 @@ def _faces(design: Design) -> str:
 
 def strut_section(module: Module, kind: brackets.Strut) -> str:
     """Return a side view of a strut with the positions of its faces, and its text."""
-    sizes = module.bracket_sizes
-    lengths = kind.inner, kind.outer, sizes.half_width, sizes.thickness, sizes.wall
-    start, end, r, t, w = (MILLIMETRES * x for x in lengths)
-    D = MILLIMETRES * kind.tube
-    half = D / 2 or MILLIMETRES * strut_width(module)
-    svg = [HEAD.format(start - 15, -r - 15, end - start + 30, 2 * r + 40, f"strut of {end - start:.1f} mm")]
+    sizes, end = module.bracket_sizes, 80.0
+    lengths = sizes.half_width, sizes.thickness, sizes.wall, kind.tube, strut_width(module)
+    r, t, w, D, wide = (end * x / kind.length for x in lengths)
+    length = f"{MILLIMETRES * kind.length:.1f} mm"
+    svg = [HEAD.format(-15, -r - 15, end + 30, 2 * r + 40, f"strut of {length}")]
 
     def box(low: float, high: float, half: float, colour: str) -> str:
         return _polygon(np.array([[low, -half], [high, -half], [high, half], [low, half]]), colour)
 
-    sockets = [(start + t, start + t + D), (end - t - D, end - t)] if D else []
-    svg += [box(low, high, r, palette.CONNECTOR) for low, high in ((start, start + t), (end - t, end))]
+    sockets = [(t, t + D), (end - t - D, end - t)] if D else []
+    svg += [box(low, high, r, palette.CONNECTOR) for low, high in ((0.0, t), (end - t, end))]
     svg += [box(low, high, D / 2 + w, palette.CONNECTOR) for low, high in sockets]
-    svg.append(box(start + t, end - t, half, palette.MODULE))
-    svg += [_text(x, r + 12, f"{x:.2f}", 7) for x in (start, end)]
+    svg.append(box(t, end - t, D / 2 or wide, palette.MODULE))
+    for x, place in ((0.0, kind.inner), (end, kind.outer)):
+        svg.append(_text(x, r + 12, f"{MILLIMETRES * place:.2f}", 7))
     text = (
-        f"Strut of {end - start:.1f} mm ({kind.number} needed), side view: the hub is on the left, a bracket or "
-        "the rod's mount on the right, mark holes up. Dimensions are in millimetres from the module's centre."
+        f"Strut of {length} ({kind.number} needed), side view: the hub is on the left, a bracket or the rod's "
+        "mount on the right, mark holes up. Dimensions are in millimetres from the module's centre."
     )
-    if D:
+    if kind.tube:
+        cut = MILLIMETRES * (kind.length - 2 * sizes.thickness)
         text += (
-            f" It is a tube of {D:g} mm, cut to {end - start - 2 * t:.1f} mm and glued into two printed ends until "
-            "it bottoms out. While the glue sets, lay both ends on a flat table, mark holes up."
+            f" It is a tube of {MILLIMETRES * kind.tube:g} mm, cut to {cut:.1f} mm and glued into two printed ends "
+            "until it bottoms out. While the glue sets, lay both ends on a flat table, mark holes up."
         )
     return "\n".join(["<section>", *svg, f"</svg>{paragraph(text)}</section>"])
 
@@ -167,8 +168,9 @@ def _strength(design: Design) -> Iterator[str]:
     yield "<h2>Printing and strength</h2>"
     yield paragraph(
         "Print each bracket lying on one of its two webs, so that layers run along the webs from flange to flange, "
-        "solid. Safety factors are for PLA, the largest load of each joint in the load cases, and an estimate "
-        "without holes, shocks and fatigue. Other materials: multiply by their strength over 50 MPa."
+        "solid; the rod's mount, and the ends of tubes, on their flange. Safety factors are those of brackets of "
+        "PLA under the largest load of each joint in the load cases: an estimate without holes, shocks and "
+        "fatigue. Other materials: multiply by their strength over 50 MPa."
     )
     rows = [
         (step, brackets.bracket_file(abs(phi)), f"{one.force_N:.2f}", f"{one.moment_Nm:.3f}", f"{one.factor:.1f}")
@@ -237,12 +239,16 @@ def ports(module: Module) -> str:
     return "\n".join([*svg, "</svg>"])
 
 
+DRAWN = 24.0
+"""Set-back of a bracket in a side view, for letters and lines of one size whatever the bracket's."""
+
+
 def joint(sizes: Bracket, port: int, alpha: float) -> str:
     """Return a side view of a bracket, the parent on the left with its upper side up, as SVG.
 
     The view is along the bracket's +y, so a positive turn phi is clockwise.
     """
-    r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
+    r, d, t = (DRAWN * x / sizes.set_back for x in (sizes.half_width, sizes.set_back, sizes.thickness))
     phi = brackets.TURNS[port] * alpha
     span = 3.2 * d
     svg = [HEAD.format(-span, -span, 2 * span, 2 * span, f"joint at {math.degrees(alpha):.3f} degrees")]

@@ -19,7 +19,9 @@ from reportlab.platypus import Flowable, Paragraph, SimpleDocTemplate, Table
 
 MARGIN, WIDE, NARROW = 12 * mm, 75 * mm, 40 * mm
 """Margin of a page; widths of pictures, those of steps and of the whole platform being wide."""
-TEXT = ParagraphStyle("p", fontName="Helvetica", fontSize=10, leading=13, spaceAfter=5)
+TEXT = ParagraphStyle(
+    "p", fontName="Helvetica", fontSize=10, leading=13, spaceAfter=5, allowWidows=0, allowOrphans=0
+)
 INTRODUCTION = ParagraphStyle("introduction", TEXT, keepWithNext=1)
 HEADINGS = {
     "h1": ParagraphStyle("h1", TEXT, fontName="Helvetica-Bold", fontSize=16, leading=20),
