@@ -26,18 +26,14 @@ from topo_search.model.arrays import Array
 
 Function = Callable[..., Array | float]
 """Function of all inputs that returns one output."""
+Patterns = dict[str, ca.Sparsity]
+"""Patterns of inputs or outputs, by name."""
 
 
 class PythonFunction(ca.Callback):
     """A CasADi function evaluated by Python functions, with nonzero entries as inputs and outputs."""
 
-    def __init__(
-        self,
-        name: str,
-        inputs: dict[str, ca.Sparsity],
-        outputs: dict[str, ca.Sparsity],
-        functions: Sequence[Function],
-    ) -> None:
+    def __init__(self, name: str, inputs: Patterns, outputs: Patterns, functions: Sequence[Function]) -> None:
         """Create the function; inputs and outputs have the names that CasADi's solvers expect."""
         super().__init__()
         self._inputs, self._outputs, self._functions = inputs, outputs, functions

@@ -49,19 +49,10 @@ def stored_request(path: Path, ledger: Ledger) -> Request:
     starts, trials = ledger.last_request()
     if starts < 1:
         raise BadInput(str(path), "has no run yet")
-    return Request(
-        _read_task(path),
-        identity.symmetry,
-        starts,
-        identity.seed,
-        strategy=identity.strategy,
-        sampler=identity.sampler or "moves",
-        trials=trials,
-        round_size=identity.round_size,
-        prune=bool(identity.prune),
-        versions=ledger.versions() or installed_versions(),
-        user_inputs=identity.own or NO_INPUTS,
-    )
+    options: dict[str, Any] = {name: getattr(identity, name) for name in ("strategy", "round_size")}
+    options |= {"sampler": identity.sampler or "moves", "trials": trials, "prune": bool(identity.prune)}
+    options |= {"versions": ledger.versions() or installed_versions(), "user_inputs": identity.own or NO_INPUTS}
+    return Request(_read_task(path), identity.symmetry, starts, identity.seed, **options)
 
 
 def require_same(path: Path, request: Request, ledger: Ledger) -> None:

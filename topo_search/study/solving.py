@@ -130,24 +130,16 @@ class ProposedJobs(Iterator[Job | None]):
 
     def _job(self, proposal: Proposal) -> Job:
         """Return the job for the starts of a proposal that were not solved before."""
-        candidate = proposal.candidate
+        candidate, context, result = proposal.candidate, self._context, self._ledger.result
         scores = self._scores[candidate.key]
         first = scores[-1].starts if scores else 0
-        warm_starts = [self._ledger.result(self._context, key) for key in proposal.warm_starts]
-        replaced_starts = sum(isinstance(result, Design) for result in warm_starts)
+        near = [result(context, key) for key in proposal.warm_starts]
+        starts = range(first + sum(isinstance(design, Design) for design in near), proposal.starts)
         if first == 0 and self._previous is not None:
-            warm_starts.append(self._ledger.result(self._previous, candidate.key))
-        if first == 0:
-            warm_starts += self._user_designs
-        return Job(
-            self._context.task,
-            candidate.topology,
-            range(first + replaced_starts, proposal.starts),
-            self._context.seed,
-            tuple(result for result in warm_starts if isinstance(result, Design)),
-            candidate.orbit,
-            proposal.reach,
-        )
+            near.append(result(self._previous, candidate.key))
+        near += self._user_designs if first == 0 else ()
+        designs = tuple(design for design in near if isinstance(design, Design))
+        return Job(context.task, candidate.topology, starts, context.seed, designs, candidate.orbit, proposal.reach)
 
     def _report(self, key: str, *, known: bool = False) -> None:
         """Report each candidate to the observer once per stage, not again for more starts."""
