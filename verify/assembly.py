@@ -18,9 +18,9 @@ from topo_search.model import (
     Status,
 )
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
-from topo_search.model.value import Vector
 from verify.bodies import Array, ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities

@@ -16,7 +16,7 @@ import numpy as np
 
 from topo_search.model import Audit, Clearance, Design, Geometry, Module, Status
 from topo_search.model.features import StatedCheck
-from topo_search.model.value import Vector
+from topo_search.model.kinds import Vector
 from verify.bodies import Array
 from verify.certificate import Certificate, RoundBody
 from verify.contacts import AnyCheck, allowed_contacts, certify

@@ -32,7 +32,7 @@ from nlp.requirements.statement import COM, FROM_COM, FROM_TIP, X_I, Y_I, Z_I, F
 from nlp.symbols.platform import body_inertia, point_inertia, rod_inertia_beyond_ends
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.value import Vector
+from topo_search.model.kinds import Vector
 
 MAX_BUFFERS = 15
 """Largest number of cached buffers per expression: one per number of columns."""

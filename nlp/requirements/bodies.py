@@ -18,7 +18,7 @@ from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, EnvelopeBody, Lo
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.value import Vector
+from topo_search.model.kinds import Vector
 
 MIN_ROD_LENGTH = 1e-9
 """Length of a rod below which it has no direction [l_arm]."""

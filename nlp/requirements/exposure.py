@@ -50,8 +50,8 @@ from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import solid_name
+from topo_search.model.kinds import Vector
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
-from topo_search.model.value import Vector
 
 ROOT_SMOOTHING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; only increases the required clearance."""

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import Array
+from topo_search.model.kinds import Vector
 from topo_search.model.shape import Hull
-from topo_search.model.value import Vector
 
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 

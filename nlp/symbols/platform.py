@@ -46,7 +46,7 @@ from nlp.numbers.masses import TINY, Masses, RigidBody, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.value import Vector
+from topo_search.model.kinds import Vector
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,10 @@ from pydantic import ConfigDict, Field
 
 from topo_search.export.brackets import DIGITS, bracket_file
 from topo_search.export.kit import BRACKETS
+from topo_search.model.kinds import Index, Number
 from topo_search.model.proven import upper_text
 from topo_search.model.topology import PORT_NAMES
-from topo_search.model.value import Index, Number, Value
+from topo_search.model.value import Value
 from topo_search.report.wording import quantity
 
 

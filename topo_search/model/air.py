@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from topo_search.model.kinds import Index, Omitted, Size
 from topo_search.model.proven import upper_text
-from topo_search.model.value import Index, Omitted, Size, Value
+from topo_search.model.value import Value
 
 
 class RegionAir(Value):

@@ -14,7 +14,8 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
-from topo_search.model.value import Broken, Number, Omitted, OneOf, Positive, Value, omit_if
+from topo_search.model.kinds import Number, Omitted, OneOf, Positive, omit_if
+from topo_search.model.value import Broken, Value
 
 
 class Jet(Value):

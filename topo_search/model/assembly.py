@@ -1,9 +1,10 @@
 """Assembly sheet of a design: joints in bolting order, and the end-effector with its rod, or a shorter one."""
 
 from topo_search.model.end_effector import Mount
+from topo_search.model.kinds import Index, Number, Vector
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import csv_text
-from topo_search.model.value import Index, Number, Value, Vector
+from topo_search.model.value import Value
 
 
 class BoltedJoint(Value):

@@ -19,8 +19,9 @@ from topo_search.model.features import (
     StatedCheck,
     audit_html,
 )
+from topo_search.model.kinds import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value
+from topo_search.model.value import Value
 
 if TYPE_CHECKING:
     from topo_search.model.task import ResolvedTask

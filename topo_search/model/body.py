@@ -5,19 +5,9 @@ from typing import Annotated, Any
 from pydantic import ConfigDict, ValidationInfo, model_validator
 
 from topo_search.limits import LIMITS
+from topo_search.model.kinds import NonEmpty, NonNegative, Omitted, Positive, PositiveVector, at_most, omit_if
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
-from topo_search.model.value import (
-    Broken,
-    NonEmpty,
-    NonNegative,
-    Omitted,
-    Positive,
-    PositiveVector,
-    Value,
-    at_most,
-    omit_if,
-    refuse,
-)
+from topo_search.model.value import Broken, Value, refuse
 
 INWARDS = 0.2
 """Depth behind the connector's plane to which bolted frames may touch [l_c]: 30 mm for the default module.

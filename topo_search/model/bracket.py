@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from topo_search.model.value import Broken, Positive, Value
+from topo_search.model.kinds import Positive
+from topo_search.model.value import Broken, Value
 
 HOLES = (0.0017, 0.0022, 0.0027, 0.0032, 0.0043, 0.0053, 0.0064, 0.0084)
 """Holes for bolts M1.6 to M8, fine series of ISO 273 [m]."""

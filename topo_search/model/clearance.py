@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind, solid_name
-from topo_search.model.value import Index, Number, Omitted, Value, Vector
+from topo_search.model.kinds import Index, Number, Omitted, Vector
+from topo_search.model.value import Value
 
 if TYPE_CHECKING:
     from topo_search.model.task import ResolvedTask

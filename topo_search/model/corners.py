@@ -11,9 +11,9 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 from topo_search.model.features import CORNER_SETS, AskedFlight
+from topo_search.model.kinds import Vector
 from topo_search.model.load_case import Corner, LoadCase
 from topo_search.model.task import ResolvedTask
-from topo_search.model.value import Vector
 
 
 class CorneredTask(ResolvedTask):

@@ -26,22 +26,11 @@ from pydantic import (
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.end_effector import Mount
 from topo_search.model.features import Relaxed, ShorterRod, Stated, design_html, with_older_defaults
+from topo_search.model.kinds import OMIT_EMPTY, Flag, Index, Number, Omitted, Vector
 from topo_search.model.proven import at_least
 from topo_search.model.task import ResolvedTask, Task
 from topo_search.model.topology import Joint, Topology
-from topo_search.model.value import (
-    OMIT_EMPTY,
-    Broken,
-    Flag,
-    Index,
-    Location,
-    Number,
-    Omitted,
-    Value,
-    Vector,
-    every_field,
-    show,
-)
+from topo_search.model.value import Broken, Location, Value, every_field, show
 
 
 def _topology(value: Any) -> Any:

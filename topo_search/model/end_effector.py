@@ -24,19 +24,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from topo_search.model.exposure import Direction
-from topo_search.model.value import (
-    Broken,
-    Flag,
-    Index,
-    NonNegative,
-    Omitted,
-    OneOf,
-    Positive,
-    Value,
-    Vector,
-    omit_if,
-    show,
-)
+from topo_search.model.kinds import Flag, Index, NonNegative, Omitted, OneOf, Positive, Vector, omit_if
+from topo_search.model.value import Broken, Value, show
 
 TIP = 2.0
 """Length of a rod's tip [rod radii]."""

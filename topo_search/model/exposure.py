@@ -23,11 +23,8 @@ from pydantic import (
 from topo_search.limits import LIMITS, figures, length, quantity, vector
 from topo_search.model import proven
 from topo_search.model.arrays import Array
-from topo_search.model.mesh_file import LARGEST_COORDINATE, convex_pieces, mesh_schema, take_mesh
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
-from topo_search.model.value import (
+from topo_search.model.kinds import (
     OMIT_EMPTY,
-    Broken,
     Flag,
     Index,
     NonEmpty,
@@ -36,13 +33,13 @@ from topo_search.model.value import (
     OneOf,
     Positive,
     PositiveVector,
-    Value,
     Vector,
     at_most,
     is_zero,
-    refuse,
-    show,
 )
+from topo_search.model.mesh_file import LARGEST_COORDINATE, convex_pieces, mesh_schema, take_mesh
+from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
+from topo_search.model.value import Broken, Value, refuse, show
 
 
 def _has_direction(vector: Vector) -> Vector:

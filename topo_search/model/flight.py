@@ -6,8 +6,9 @@ Rotors may use their full range of inputs; `search.peak_input` limits the load c
 
 import math
 
+from topo_search.model.kinds import Index, Number, Omitted, Size, Vector
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.value import Index, Number, Omitted, Size, Value, Vector
+from topo_search.model.value import Value
 
 
 class CaseFlight(Value):

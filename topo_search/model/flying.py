@@ -20,11 +20,12 @@ from topo_search.model.bracket import Bracket
 from topo_search.model.end_effector import EndEffector
 from topo_search.model.goals import GOALS
 from topo_search.model.joint_mass import tube_room
+from topo_search.model.kinds import Number, Vector
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Module
 from topo_search.model.proven import lower_text
 from topo_search.model.sensitivity import Tolerances
-from topo_search.model.value import Number, Value, Vector
+from topo_search.model.value import Value
 
 if TYPE_CHECKING:
     from topo_search.model.audit import Audit

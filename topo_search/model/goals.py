@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args
 from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
+from topo_search.model.kinds import OMIT_EMPTY, Angle, Flag, NonNegative, Positive, at_most
 from topo_search.model.load_case import Failing
-from topo_search.model.value import OMIT_EMPTY, Angle, Broken, Flag, NonNegative, Positive, Value, at_most, show
+from topo_search.model.value import Broken, Value, show
 
 if TYPE_CHECKING:
     from topo_search.model.task import Task

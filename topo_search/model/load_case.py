@@ -29,20 +29,9 @@ from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import AnyExposure, Direction, object_beyond
+from topo_search.model.kinds import OMIT_EMPTY, Flag, Omitted, Positive, PositiveOrZero, Vector, at_most, is_zero
 from topo_search.model.shape import unit
-from topo_search.model.value import (
-    OMIT_EMPTY,
-    Broken,
-    Flag,
-    Omitted,
-    Positive,
-    PositiveOrZero,
-    Value,
-    Vector,
-    at_most,
-    is_zero,
-    show,
-)
+from topo_search.model.value import Broken, Value, show
 
 
 class ForceCone(Value):

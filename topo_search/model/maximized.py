@@ -19,10 +19,11 @@ from collections.abc import Callable
 from itertools import product
 from typing import TYPE_CHECKING, NamedTuple
 
+from topo_search.model.kinds import Vector, is_zero
 from topo_search.model.load_case import LoadCase, Wrench
 from topo_search.model.reserves import POINT_SUFFIXES, PointSuffix, carries, weight_cases
 from topo_search.model.shape import unit
-from topo_search.model.value import Broken, Vector, is_zero, show
+from topo_search.model.value import Broken, show
 
 if TYPE_CHECKING:
     from topo_search.model.flight import CaseFlight

@@ -19,21 +19,11 @@ from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
+from topo_search.model.kinds import Index, NonNegative, Positive, Vector, at_most
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, has_volume, quickhull
 from topo_search.model.text import Folder, read_regular
-from topo_search.model.value import (
-    Broken,
-    Index,
-    NonNegative,
-    Positive,
-    Value,
-    Vector,
-    at_most,
-    refuse,
-    show,
-    to_printable,
-)
+from topo_search.model.value import Broken, Value, refuse, show, to_printable
 
 Triangles = NDArray[np.intp]
 Result = TypeVar("Result")

@@ -42,18 +42,9 @@ from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, R
 from topo_search.model.arrays import Array
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
+from topo_search.model.kinds import NonEmpty, NonNegative, Omitted, Positive, at_most, omit_if
 from topo_search.model.rotors import ModuleRotor, RotorTable, table_of, x_quadrotor
-from topo_search.model.value import (
-    Broken,
-    Location,
-    NonEmpty,
-    NonNegative,
-    Omitted,
-    Positive,
-    Value,
-    at_most,
-    omit_if,
-)
+from topo_search.model.value import Broken, Location, Value
 
 AIR_DENSITY = 1.2
 """rho [kg/m^3]."""

@@ -7,8 +7,9 @@ import numpy as np
 from topo_search.limits import length, quantity
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import AnyExposure
+from topo_search.model.kinds import Index, Size
 from topo_search.model.proven import lower_text
-from topo_search.model.value import Index, Size, Value
+from topo_search.model.value import Value
 
 NEAR_RADII = 3.0
 """Distance of a rotor from a solid half-space from which answers warn [rotor radii]."""

@@ -18,11 +18,12 @@ from pydantic import Field
 
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.end_effector import CountedRod
+from topo_search.model.kinds import OMIT_EMPTY, Index, Number
 from topo_search.model.load_case import LoadCase, Wrench
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
-from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
+from topo_search.model.value import Value
 
 CHUNK_SPLITS = 6
 """Number of halvings, of all hinges in turn, that give the chunks; the bits of c select chunk c, highest first."""

@@ -3,8 +3,9 @@
 from typing import Annotated, Literal
 
 from topo_search.limits import quantity
+from topo_search.model.kinds import OMIT_EMPTY, Number
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.value import OMIT_EMPTY, Number, Value
+from topo_search.model.value import Value
 
 STARTS = 4
 """Largest number of starts per solve with a relaxed limit."""

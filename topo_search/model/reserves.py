@@ -24,24 +24,12 @@ import numpy as np
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.goals import GOALS
+from topo_search.model.kinds import OMIT_EMPTY, Angle, Flag, NonNegative, Omitted, OneOf, Positive, Vector, omit_if
 from topo_search.model.load_case import MAX_LOAD, Corner, Failing, LoadCase, Wrench
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.sensitivity import Tolerances
 from topo_search.model.shape import NOWHERE
-from topo_search.model.value import (
-    OMIT_EMPTY,
-    Angle,
-    Broken,
-    Flag,
-    NonNegative,
-    Omitted,
-    OneOf,
-    Positive,
-    Value,
-    Vector,
-    omit_if,
-    show,
-)
+from topo_search.model.value import Broken, Value, show
 
 if TYPE_CHECKING:
     from topo_search.model.module import Module

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
-from topo_search.model.value import Broken, Omitted, Positive, Value, Vector
+from topo_search.model.kinds import Omitted, Positive, Vector
+from topo_search.model.value import Broken, Value
 
 UP = read_only([0.0, 0.0, 1.0])
 SAME = 1e-9

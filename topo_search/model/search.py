@@ -9,20 +9,18 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
-from topo_search.model.value import (
+from topo_search.model.kinds import (
     OMIT_EMPTY,
     Angle,
-    Broken,
     NonEmpty,
     NonNegative,
     Omitted,
     OneOf,
     Positive,
-    Value,
     Vector,
     at_most,
-    show,
 )
+from topo_search.model.value import Broken, Value, show
 
 BodyClearance = Annotated[Positive | Literal[False], OneOf("must be a length or false")]
 

@@ -1,7 +1,8 @@
 """Build errors that a task names, and those that all clearances of a design tolerate."""
 
 from topo_search.model.clearance import Pair, Status
-from topo_search.model.value import Angle, NonNegative, Number, Value
+from topo_search.model.kinds import Angle, NonNegative, Number
+from topo_search.model.value import Value
 
 WITHIN_TOLERANCES = "least clearance within the tolerances"
 """Name of the residual of a task that requires its tolerances."""

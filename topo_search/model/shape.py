@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from topo_search.model.arrays import Array
+from topo_search.model.kinds import Vector
 from topo_search.model.mesh import SIDES, Indices, Mesh, circle, cone_sphere, cone_sphere_outline, rotation_to
-from topo_search.model.value import Vector
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull

@@ -4,7 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from topo_search.model.value import Number, Value
+from topo_search.model.kinds import Number
+from topo_search.model.value import Value
 
 Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
 """One line of text."""

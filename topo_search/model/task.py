@@ -40,6 +40,7 @@ from topo_search.model.features import (
     with_defaults,
 )
 from topo_search.model.folds import Folds, intersect
+from topo_search.model.kinds import Count, Index, NonEmpty, OneOf, Positive, Vector, at_most, omit_if
 from topo_search.model.load_case import LoadCase, broken_rules, labels, objects, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
@@ -55,20 +56,7 @@ from topo_search.model.room import (
 )
 from topo_search.model.search import Search
 from topo_search.model.shape import unit
-from topo_search.model.value import (
-    Broken,
-    Count,
-    Index,
-    NonEmpty,
-    OneOf,
-    Positive,
-    Value,
-    Vector,
-    at_most,
-    every_field,
-    omit_if,
-    show,
-)
+from topo_search.model.value import Broken, Value, every_field, show
 
 
 def _file_name(name: str) -> str:

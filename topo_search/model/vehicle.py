@@ -20,24 +20,9 @@ from typing import Annotated, Any, Literal
 from topo_search.limits import LIMITS
 from topo_search.model.files import load_text, validate
 from topo_search.model.flight import Flight
+from topo_search.model.kinds import Index, NonEmpty, NonNegative, Number, Omitted, Positive, Size, Vector, at_most
 from topo_search.model.text import toml_data
-from topo_search.model.value import (
-    BadInput,
-    Broken,
-    Fault,
-    Index,
-    NonEmpty,
-    NonNegative,
-    Number,
-    Omitted,
-    Positive,
-    Size,
-    Value,
-    Vector,
-    as_bad_input,
-    at_most,
-    show,
-)
+from topo_search.model.value import BadInput, Broken, Fault, Value, as_bad_input, show
 
 
 class VehicleRotor(Value):

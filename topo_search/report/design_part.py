@@ -12,10 +12,10 @@ from topo_search.limits import vector
 from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
 from topo_search.model.air import AirSpeeds
 from topo_search.model.flight import direction
+from topo_search.model.kinds import Vector
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES
-from topo_search.model.value import Vector
 from topo_search.report import Table
 from topo_search.report.wording import clearance, figures, length, quantity, rounded_down, rounded_up, sentence
 

@@ -29,12 +29,12 @@ from topo_search.model import LoadCase, ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
+from topo_search.model.kinds import Vector
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.rotors import x_quadrotor
 from topo_search.model.shape import NOWHERE
 from topo_search.model.topology import ROOT, Joint
-from topo_search.model.value import Vector
 
 Indices = NDArray[np.int64]
 
