@@ -18,7 +18,7 @@ from nlp.reduced.arrays import rows, to_arrays
 from nlp.reduced.clearance import hull_gap
 from nlp.reduced.descent import evaluate
 from nlp.requirements import clearances, exposure_clearances
-from nlp.requirements import statement as s
+from nlp.requirements import row_kinds as s
 from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.requirements.rod import BestRod
 from nlp.units import Units

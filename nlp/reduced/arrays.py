@@ -21,7 +21,7 @@ from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import angular_accelerations
-from nlp.requirements.statement import (
+from nlp.requirements.row_kinds import (
     AIRFLOW,
     BODIES,
     MODULE,

@@ -23,7 +23,7 @@ from typing import NamedTuple
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import ReducedPlatform, p_E_of, rotate
-from nlp.requirements.statement import (
+from nlp.requirements.row_kinds import (
     AIRFLOW,
     CAPSULE,
     CONE,

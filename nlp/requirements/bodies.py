@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Ball, Swept
-from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, EnvelopeBody, LocalVector, PartsBody, RodBody
+from nlp.requirements.row_kinds import EnvelopeBody, PartsBody, RodBody
+from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.airflow import AirflowEnvelope

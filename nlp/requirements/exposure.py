@@ -28,23 +28,18 @@ from nlp import names
 from nlp.numbers.geometry import Ball, Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, AnyBody, PartBalls, divide
-from nlp.requirements.statement import (
-    FROM_COM,
-    FROM_TIP,
+from nlp.requirements.row_kinds import (
     ORIGIN,
     CapsuleObstacle,
     ConeObstacle,
-    Distance,
     FacesObstacle,
     HullObstacle,
-    LocalVector,
     OffsetObstacle,
-    Requirement,
     SearchObstacle,
     SearchRow,
-    Subjects,
     TipObstacle,
 )
+from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of

@@ -12,17 +12,8 @@ from nlp import names
 from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, PartBalls
-from nlp.requirements.statement import (
-    FROM_J,
-    Z_J,
-    AirflowObstacle,
-    Distance,
-    LocalVector,
-    ModuleObstacle,
-    Requirement,
-    SearchRow,
-    Subjects,
-)
+from nlp.requirements.row_kinds import AirflowObstacle, ModuleObstacle, SearchRow
+from nlp.requirements.statement import FROM_J, Z_J, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology

@@ -33,6 +33,7 @@ from nlp.numbers.geometry import Ball
 from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.requirements.bodies import RodShape, divide
 from nlp.requirements.exposure import HullRegion, InfiniteCone, RegionClearance, hull_of, to_formula
+from nlp.requirements.row_kinds import ReachObstacle, RodBody, SearchRow
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -40,10 +41,7 @@ from nlp.requirements.statement import (
     Formula,
     LocalVector,
     PlatformVector,
-    ReachObstacle,
     Requirement,
-    RodBody,
-    SearchRow,
     VectorsByName,
 )
 from nlp.units import Units
