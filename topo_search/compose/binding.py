@@ -22,21 +22,11 @@ from topo_search.engine import Backends, CallingProcess, DaskWorkers, Job, Worke
 from topo_search.engine.own_sampler import OwnSampler, TopologySampler
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
-from topo_search.model import (
-    Audit,
-    BadInput,
-    Design,
-    Fault,
-    Geometry,
-    Infeasible,
-    Module,
-    ResolvedTask,
-    Status,
-    Task,
-)
+from topo_search.model import Audit, Design, Geometry, Infeasible, Module, ResolvedTask, Status, Task
 from topo_search.model.air import SpeedEnvelope
 from topo_search.model.airflow import RegionAirflow, Thrust
 from topo_search.model.proven import lower_text, upper_text
+from topo_search.model.value import BadInput, Fault
 from topo_search.own_constraint import ConstraintExpression, Expression, OwnConstraint, SymbolicPlatform
 from topo_search.study import Observer, Sampler
 from verify.air.envelope import Unreached, enclose

@@ -30,23 +30,13 @@ from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
-from topo_search.study import (
-    DEFAULT_ROUND,
-    Answer,
-    Checked,
-    Observer,
-    Request,
-    SilentObserver,
-    StrategyName,
-    UserInputs,
-    run,
-)
+from topo_search.study import Answer, Checked, Observer, SilentObserver, run
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
 from topo_search.study.optima import keep_optima
 from topo_search.study.progress import solving_seconds
 from topo_search.study.proving import refuse_unprovable
-from topo_search.study.request import digest
+from topo_search.study.request import DEFAULT_ROUND, Request, StrategyName, UserInputs, digest
 from topo_search.topologies import Symmetry, improper_isometry
 from topo_search.topologies.own_topologies import OwnTopology, own_candidates
 

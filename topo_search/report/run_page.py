@@ -8,6 +8,7 @@ from typing import Any
 import verify
 from topo_search.export.audits import broken_lines
 from topo_search.export.poses import poses_to_draw
+from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible
 from topo_search.model.flying import DROPPED
 from topo_search.model.largest_value import LargestValue
@@ -23,25 +24,17 @@ from topo_search.report.wording import (
     modules,
     near_tie_cells,
     near_tie_columns,
-    quantity,
     rounded_down,
     rounded_up,
     sentence,
 )
-from topo_search.study import (
-    NEAR_BEST,
-    NO_INPUTS,
-    Answer,
-    FrontPoint,
-    Row,
-    RunFile,
-    RunFolder,
-    SizeAnswer,
-    UserInputs,
-    answer_of,
-)
+from topo_search.study import Answer, FrontPoint, SizeAnswer, answer_of
 from topo_search.study.columns import kind_of
+from topo_search.study.directory import RunFile
+from topo_search.study.folder import RunFolder
+from topo_search.study.ledger import NEAR_BEST, Row
 from topo_search.study.proofs import candidates_of
+from topo_search.study.request import NO_INPUTS, UserInputs
 
 
 def write_run_page(folder: RunFolder) -> None:

@@ -13,23 +13,14 @@ from pathlib import Path
 
 from topo_search.engine import Candidates, Engine, Failed, Job, WorkersLost
 from topo_search.engine.workers import AuditDesign, audit_deadline
-from topo_search.model import (
-    BadInput,
-    CheckedChunk,
-    Chunk,
-    Design,
-    Fault,
-    Infeasible,
-    Proof,
-    ResolvedTask,
-    Topology,
-)
+from topo_search.model import CheckedChunk, Chunk, Design, Infeasible, Proof, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import provable_at
 from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proof import Aim, Problem, chunk_count, most_effort
 from topo_search.model.proven import gap_percent, lower_text, upper_text
+from topo_search.model.value import BadInput, Fault
 from topo_search.study.answer import Answer
 from topo_search.study.answering import answer_of, detect_loss
 from topo_search.study.directory import CHANGED, RunFile
