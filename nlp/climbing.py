@@ -40,15 +40,20 @@ from topo_search.own_constraint import OwnConstraint
 
 FIRST = 1e-3
 """Initial value of a design that holds none, in units of the quantity."""
+SOLVES = 40
+"""Largest number of solves, each with the corner that the one before violates most."""
 SLACK = 1e-6
 """Share of a value that is given up, so that the corrected inputs produce its wrenches."""
 
 
 class RaisedProblem:
-    """A program with one more unknown, sigma, the last one, which it maximises."""
+    """A program with one more unknown, sigma, the last one, which it maximises; or at a given sigma the program."""
 
-    def __init__(self, program: AssembledProblem, once: ResolvedTask, twice: ResolvedTask) -> None:
-        """Take the program, and its task at one and at two units of the quantity."""
+    def __init__(
+        self, program: AssembledProblem, once: ResolvedTask, twice: ResolvedTask, *, raises: bool = True
+    ) -> None:
+        """Take the program, its task at one and at two units of the quantity, and whether it maximises sigma."""
+        self._raises = raises
         self._program, self._once = program, RequiredLoads.of(once)
         self._slope = RequiredLoads(*(b - a for a, b in zip(self._once, RequiredLoads.of(twice), strict=True)))
         self.size, self.rows, balances = program.size + 1, program.rows, 6 * program.K
@@ -65,12 +70,14 @@ class RaisedProblem:
         return variables[:-1]
 
     def objective(self, variables: Array) -> float:
-        """Return -sigma."""
-        return -float(variables[-1])
+        """Return -sigma, or the effort."""
+        return -float(variables[-1]) if self._raises else self._program.objective(variables[:-1])
 
     def gradient(self, variables: Array) -> Array:
         """Return its gradient."""
-        return np.append(np.zeros(self._program.size), -1.0)
+        if self._raises:
+            return np.append(np.zeros(self._program.size), -1.0)
+        return np.append(self._program.gradient(variables[:-1]), 0.0)
 
     def constraints(self, variables: Array) -> Array:
         """Return the rows of the program at sigma."""
@@ -84,16 +91,23 @@ class RaisedProblem:
         return np.concatenate([entries, -by_sigma])
 
     def hessian(self, variables: Array, objective_factor: float, multipliers: Array) -> Array:
-        """Return the Hessian of the Lagrangian; the objective has none."""
-        own = self._at(variables)
-        entries, (platform, _) = self._program.hessian(own, 0.0, multipliers), self._program.platform_at(own)
+        """Return the Hessian of the Lagrangian; sigma has none."""
+        own, weight = self._at(variables), 0.0 if self._raises else objective_factor
+        entries, (platform, _) = self._program.hessian(own, weight, multipliers), self._program.platform_at(own)
         by_levers = multipliers[: 6 * self._program.K] @ self._slope.levers
         mixed = by_levers @ platform.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
         return np.concatenate([entries, -mixed])
 
 
-def climb(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstraint] = ()) -> Design:
-    """Return the design of the largest value near one, for the task that asks for that value.
+def climb(
+    task: ResolvedTask,
+    design: Design,
+    constraints: Sequence[OwnConstraint] = (),
+    *,
+    value: float | None = None,
+    turns: bool = True,
+) -> Design:
+    """Return the design of the largest value near one, or of least effort at a value, for the task that asks it.
 
     Corners join the program once a result violates them, as in `nlp.lazy_solve`. The design itself is returned if
     no better one is found.
@@ -102,31 +116,37 @@ def climb(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstrain
         task: the task with a maximised quantity, before it asks for a value.
         design: a design for some value.
         constraints: the user's constraints beyond the task.
+        value: value that a design of least effort has; None for the largest one.
+        turns: whether the platform may turn about the vertical.
     """
-    user_constraints = (*constraints, *pseudo_inverse_constraints(task))
-    raised = _raise(task.with_rod(design.task.end_effector.counted_rod), Point.of(design), user_constraints)
+    user_constraints, rod = (*constraints, *pseudo_inverse_constraints(task)), design.task.end_effector.counted_rod
+    raised = _raise(task.with_rod(rod), Point.of(design), user_constraints, value, turns)
     return design if raised is None else design_of(raised, SolverRecord.model_validate(design.solver), constraints)
 
 
-def _raise(task: ResolvedTask, point: Point, constraints: UserConstraints) -> StartResult | None:
+def _raise(
+    task: ResolvedTask, point: Point, constraints: UserConstraints, value: float | None, turns: bool
+) -> StartResult | None:
     unit = unit_of(task)
-    once, twice = (to_corners(task_at(task, value)) for value in (unit, 2 * unit))
+    once, twice = (to_corners(task_at(task, at)) for at in (unit, 2 * unit))
     cases = zip(once.case_labels, once.load_cases, twice.load_cases, strict=True)
     changing = [label for label, a, b in cases if a != b and label not in once.declared.case_labels]
     labels = {*changing[:: math.ceil(len(changing) / LAZY.at_once) or 1]}
-    sigma = max(point.task.search.reached or 0.0, FIRST * unit) / unit
+    sigma = max(point.task.search.reached or 0.0, FIRST * unit) / unit if value is None else value / unit
     start = replace(with_all_corners(point, to_corners(task_at(task, sigma * unit)), constraints), task=once)
-    for _ in range(LAZY.solves):
+    for _ in range(SOLVES):
         some = with_some_corners(start, labels)
         program = AssembledProgram(some.task, some.topology, constraints)
         assembled, lower, upper = program.assemble(some, MOVE_LIMITS.polish)
+        if not turns:
+            lower[0] = upper[0] = some.pack()[0]
         other = with_some_corners(replace(start, task=twice), labels).task
         solver, solution = run_ipopt(
-            RaisedProblem(assembled, some.task, other),
+            RaisedProblem(assembled, some.task, other, raises=value is None),
             {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact},
             np.append(some.pack(), sigma),
-            np.append(lower, 0.0),
-            np.append(upper, np.inf),
+            np.append(lower, 0.0 if value is None else sigma),
+            np.append(upper, np.inf if value is None else sigma),
         )
         sigma = float(solution["x"][-1])
         if not math.isfinite(sigma):

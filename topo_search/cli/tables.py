@@ -102,8 +102,10 @@ def _front(answer: Answer) -> Iterator[str]:
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         effort, peak = f"{point.row.objective:.3g}", f"{upper_text(point.peak_input, 3)} u_max"
-        rows.append((point.row.key, str(point.row.modules), effort, *reached, peak, str(point.number)))
-    yield from _table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
+        value = () if point.row.value is None else (lower_text(point.row.value, 3),)
+        rows.append((point.row.key, str(point.row.modules), *value, effort, *reached, peak, str(point.number)))
+    number = tuple(dict.fromkeys((answer.objective.column, LEAST_EFFORT.column)))
+    yield from _table(("key", "modules", *number, "clearance", "stand-off", "peak input", "level"), rows)
     yield from answer.idle_goals
 
 

@@ -2,14 +2,15 @@
 
 From every local optimum of the task without the quantity the solver climbs to a largest value (`nlp.climbing`).
 Then all starts are asked for a design of a larger value, until none has one. A reserve is a ball, of which the
-solver sees some directions; those in which the audit finds a design weakest are added until both agree. A design
-that fails its audit is solved with a larger margin, as in every run.
+solver sees some directions, few when all starts are asked; those in which the audit finds a design weakest are
+added until both agree. Meanwhile the platform keeps its angle about the vertical; otherwise, in hover, it would turn
+its weakest directions out of sight. A design that fails its audit is solved with a larger margin, as in every run.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -46,6 +47,8 @@ class MostCapable:
     constraints: tuple[OwnConstraint, ...] = ()
     towards: list[Vector] = field(default_factory=list)
     """Directions of a reserve that the solver sees."""
+    coarse: tuple[Vector, ...] = ()
+    """Directions for which all starts are asked."""
 
     def __post_init__(self) -> None:
         """Begin with the task's own margin, and with directions all around."""
@@ -54,22 +57,23 @@ class MostCapable:
         if task.search.maximize in RESERVES:
             disc = task.search.maximize == "force_reserve" and task.flight.directions == "horizontal"
             self.towards += sample_directions(disc=disc)
+            self.coarse = sample_directions(disc=disc, coarse=True)
 
     def best(self) -> Design | Infeasible:
         """Return the most capable design, or why none reaches the job's value."""
         best, goal = None, self.job.reach
         if not goal:
-            optima = self.local_optima(self._job(goal), math.inf)
+            optima = self.local_optima(self._job(goal, ()), math.inf)
             best = self._clear(max(map(self._climb, optima), key=_value)) if optima else None
         for _ in range(MAXIMIZING.asks):
             goal = goal if best is None else _value(best) + step_of(self.job.task, _value(best))
-            outcome = self.solve(self._job(goal))
+            outcome = self.solve(self._job(goal, self.coarse))
             if isinstance(outcome, Infeasible):
                 return best or outcome
             climbed = self._clear(self._climb(outcome))
-            if best is not None and _value(climbed) < goal:
-                break
-            best = climbed if _value(climbed) >= goal else best
+            if _value(climbed) < goal:
+                return best or climbed
+            best = climbed
         return best or climbed
 
     @property
@@ -77,24 +81,29 @@ class MostCapable:
         """The task with the current margin, and the directions that the solver sees."""
         return self.margins.task.with_fields("search", towards=tuple(self.towards))
 
-    def _job(self, value: float) -> Job:
-        """Return the job that asks for a value in the directions that the solver sees."""
-        return replace(self.job, task=task_at(self._base, value))
+    def _job(self, value: float, towards: Sequence[Vector]) -> Job:
+        """Return the job that asks for a value in some directions."""
+        return replace(self.job, task=task_at(self._base, value).with_fields("search", towards=tuple(towards)))
 
     def _climb(self, design: Design) -> Design:
         """Return the largest value near a design, as the audit measures it."""
         from nlp.climbing import climb  # compiled code, which other commands need not load
 
         reached = list[Design]()
-        for _ in range(MAXIMIZING.rounds):
-            design = climb(self._base, design, self.constraints)
+        for turn in range(MAXIMIZING.rounds):
+            design = climb(self._base, design, self.constraints, turns=not turn)
             measured, weakest = self._measure(design)
             reached.append(measured)
-            new = [v for v in weakest if v not in self.towards]
-            if _value(design) - _value(measured) <= step_of(self.job.task, _value(design)) or not new:
+            short = _value(design) - _value(measured)
+            if short <= step_of(self.job.task, _value(design)) or not self._see(weakest):
                 break
-            self.towards += new
         return max(reached, key=_value)
+
+    def _see(self, directions: Sequence[Vector]) -> bool:
+        """Add directions to those that the solver sees, and return whether any is new."""
+        new = [v for v in directions if v not in self.towards]
+        self.towards += new
+        return bool(new)
 
     def _clear(self, design: Design) -> Design:
         """Return a design of almost the same value with a clear audit; if margins do not help, one without."""
@@ -105,9 +114,19 @@ class MostCapable:
 
     def _settle(self, best: Design) -> Design:
         """Return the design of least effort near one, with almost its value and the rod of the task."""
-        value = max(0.0, _value(best) - step_of(self.job.task, _value(best)) / 2)
-        cheapest = self.solve(replace(self._job(value), starts=range(0), near=(best,)))
-        return self._measure(cheapest)[0] if isinstance(cheapest, Design) else best
+        from nlp.climbing import climb  # compiled code, which other commands need not load
+
+        step = step_of(self.job.task, _value(best)) / 2
+        value = max(0.0, _value(best) - step)
+        cheapest = self.solve(replace(self._job(value, self.towards), starts=range(0), near=(best,)))
+        for _ in range(MAXIMIZING.rounds):
+            if isinstance(cheapest, Infeasible):
+                break
+            measured, weakest = self._measure(cheapest)
+            if _value(measured) >= value - step or not self._see(weakest):
+                return measured
+            cheapest = climb(self._base, best, self.constraints, value=value, turns=False)
+        return best
 
     def _measure(self, design: Design) -> tuple[Design, tuple[Vector, ...]]:
         """Return a design for the task of the value that it holds, and the directions in which it is weakest."""

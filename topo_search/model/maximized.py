@@ -67,12 +67,13 @@ def provable_at(task: ResolvedTask, value: float) -> ResolvedTask:
     return task_at(task, value).with_fields("search", towards=spread if name in RESERVES else ())
 
 
-def sample_directions(*, disc: bool) -> tuple[Vector, ...]:
+def sample_directions(*, disc: bool, coarse: bool = False) -> tuple[Vector, ...]:
     """Return unit vectors in all directions, or all horizontal ones, with the symmetries of a cube."""
     if disc:
-        return ring(64)
-    steps = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-    return tuple(unit((x, y, z)) for x, y, z in product(steps, repeat=3) if max(abs(x), abs(y), abs(z)) == 3)
+        return ring(8 if coarse else 64)
+    steps = range(-1, 2) if coarse else range(-3, 4)
+    cube = (v for v in product(steps, repeat=3) if max(map(abs, v)) == steps[-1])
+    return tuple(unit((float(x), float(y), float(z))) for x, y, z in cube)
 
 
 def unit_of(task: ResolvedTask) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.exposure import solid_name
+from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.report import PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, modules
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
-    from topo_search.model.objective import Objective
 
 MAX_NUMBERED = 7
 """Largest size of a matrix whose values are written into its cells; in larger ones they do not fit."""
@@ -219,22 +219,24 @@ AXES = {
     "hinge_angle_deg": ("hinge error", "tolerated error of every hinge angle [deg]", 1.0),
     "speed": ("air speed", "air speed in the regions, proven bound [m/s]", 1.0),
     "modules": ("modules", "modules", 1.0),
+    "objective": ("control effort", LEAST_EFFORT.column, 1.0),
 }
 
 
-def front_chart(points: Sequence[FrontPoint], name: str) -> Figure:
-    """Return the chart of control effort over a goal: all designs, and the lowest effort per value of the goal."""
-    lowest_J = points[0].row.objective or 1.0
+def front_chart(points: Sequence[FrontPoint], name: str, objective: Objective = LEAST_EFFORT) -> Figure:
+    """Return the chart of control effort, or the maximised value, over a goal: all designs, and the best ones."""
+    is_effort = objective.better == "less"
+    unit = points[0].row.objective or 1.0 if is_effort else 1.0
     _, title, scale = AXES[name]
 
     def coordinates(chosen: Sequence[FrontPoint]) -> tuple[list[Any], list[float]]:
         values = [point.cells[name] for point in chosen]
         x = [scale * value if isinstance(value, int | float) else value for value in values]
-        return x, [(point.row.objective or 0.0) / lowest_J for point in chosen]
+        return x, [(objective.number(point.row) or 0.0) / unit for point in chosen]
 
-    best, dotted = "lowest control effort for this value or better", {"dash": "dot", "shape": "vh"}
+    best, dotted = f"{objective.least} for this or better", {"dash": "dot", "shape": "vh"}
     texts = ["<br>".join(_describe(point)) for point in points]
-    layout = axes(title, "J / lowest J of the front", legend=-0.25)
+    layout = axes(title, "J / lowest J of the front" if is_effort else objective.column, legend=-0.25)
     layout["xaxis"]["dtick"] = 1 if name == "modules" else None
     traces = [
         {**line(*coordinates(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},
@@ -247,6 +249,8 @@ def _describe(point: FrontPoint) -> Iterator[str]:
     """Yield the lines of a design's tooltip."""
     yield f"{point.row.key}, {modules(point.row.modules)}"
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
+    if point.row.value is not None:
+        yield f"value {lower_text(point.row.value, 4)}"
     yield f"clearance {length_or_none(point.clearance)}, stand-off {length_or_none(point.stand_off)}"
     yield f"largest input {upper_text(point.peak_input, 4)} u_max"
     yield f"any one rotor failure survived in: {point.rotor_out}"
@@ -262,11 +266,11 @@ Choice = TypeVar("Choice")
 
 
 def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
-    """Plot the Pareto front of a run: J over one of its goals.
+    """Plot the Pareto front of a run: J, or the maximised value, over one of its goals.
 
     Args:
         answer: the answer of a run with goals.
-        goal: the goal's name; default: the first with values on the front.
+        goal: the goal's name, or `objective` for the control effort; default: the first with values on the front.
 
     Raises:
         BadInput: the run has no goals or no design, or the front has no values for the goal.
@@ -277,7 +281,8 @@ def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
         >>> plot_front(answer, "clearance").show()  # doctest: +SKIP
     """
     names = [name for name in AXES if any(point.cells[name] is not None for point in answer.points)]
-    return _plotly_figure(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
+    chosen = _choose("goal", names, goal or next(iter(names), None))
+    return _plotly_figure(front_chart(answer.points, chosen, answer.objective))
 
 
 def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:

@@ -12,7 +12,8 @@ from topo_search.limits import quantity
 from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible
 from topo_search.model.flying import DROPPED
 from topo_search.model.largest_value import LargestValue
-from topo_search.model.proven import NOT_CERTIFIED, gap_percent, upper_text
+from topo_search.model.objective import Objective
+from topo_search.model.proven import NOT_CERTIFIED, gap_percent, lower_text, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound
@@ -310,16 +311,22 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
         answer: the answer of a run with goals.
         names: the names of its goals.
     """
+    objective = answer.objective
+    number, efforts = ("J", ()) if objective.better == "less" else (objective.number_words, ("objective",))
     charts = [
-        (f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
-        for name in names
+        (
+            f"front-{name.replace('_', '-')}",
+            f"{number} against {AXES[name][0]}",
+            front_chart(answer.points, name, objective),
+        )
+        for name in (*names, *efforts)
         if any(point.cells[name] is not None for point in answer.points)
     ]
-    return {"charts": charts, "designs": _designs(answer.points), "levels": _levels(answer)}
+    return {"charts": charts, "designs": _designs(answer.points, objective), "levels": _levels(answer)}
 
 
-def _designs(points: Sequence[FrontPoint]) -> Table:
-    lowest_J = points[0].row.objective if points else None
+def _designs(points: Sequence[FrontPoint], objective: Objective) -> Table:
+    lowest_J = min((point.row.objective or 0.0 for point in points), default=None)
     rows = [
         [
             point.row.key,
@@ -331,12 +338,14 @@ def _designs(points: Sequence[FrontPoint]) -> Table:
             upper_text(point.peak_input, 4),
             str(point.number),
             point.row.audit or "",
+            *([] if point.row.value is None else [lower_text(point.row.value, 4)]),
         ]
         for point in points
     ]
     reached = ("smallest clearance", "stand-off", "largest input / u_max")
     columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / lowest J", *reached, "level", "audit")
-    return Table(columns, rows, range(1, 8))
+    value = () if objective.better == "less" else (objective.column,)
+    return Table((*columns, *value), rows, {*range(1, 8), 9})
 
 
 def _levels(answer: Answer) -> Table:
@@ -349,7 +358,7 @@ def _levels(answer: Answer) -> Table:
             "modules": str(size.modules),
             "candidates": size.counts,
             "best tree": size.best.key if size.best else "none",
-            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            **_numbers(size),
             "on the front": quantity(on_front.count(level_answer.number), "design"),
             "reason": size.reason or "",
         }
@@ -357,6 +366,14 @@ def _levels(answer: Answer) -> Table:
         for size in level_answer.sizes
     ]
     return Table.from_rows(rows, {0, 2, 5})
+
+
+def _numbers(size: SizeAnswer) -> dict[str, str]:
+    """Return what the best design of a size has of the objective, and its effort."""
+    row, value = size.best, {}
+    if size.objective.better == "more":
+        value = {size.objective.column: "" if row is None else lower_text(row.value or 0.0, 4)}
+    return {**value, "J [rad⁴/s⁴]": figures(row.objective, 5) if row and row.objective is not None else ""}
 
 
 def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:

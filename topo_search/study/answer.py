@@ -124,7 +124,7 @@ class Answer:
     levels: tuple[LevelAnswer, ...] = ()
     """Results per level of a run with goals, loosest first."""
     points: tuple[FrontPoint, ...] = ()
-    """The front of a run with goals, lowest effort first."""
+    """The front of a run with goals, best first."""
     design: Design | None = None
     """The best design with a clear audit."""
     audit: Audit | None = None
@@ -155,14 +155,15 @@ class Answer:
     @property
     def idle_goals(self) -> list[str]:
         """A sentence for each goal whose levels do not change the result."""
-        best = [[size.best for size in level.sizes if size.best is not None] for level in self.levels]
-        lowest = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
+        best = [[self.objective.number(size.best) for size in level.sizes if size.best] for level in self.levels]
+        better = min if self.objective.better == "less" else max
+        numbers = [better((number for number in row if number is not None), default=None) for row in best]
         levels = [level.level for level in self.levels]
-        return idle_goals(list(zip(levels, lowest, strict=True)), self.points)
+        return idle_goals(list(zip(levels, numbers, strict=True)), self.points, self.objective)
 
     @property
     def best(self) -> Row | None:
-        """The best clear design of the smallest size that has one; with goals, the one of lowest effort.
+        """The best clear design of the smallest size that has one; with goals, the best of the front.
 
         If a quantity is maximised, that of its largest value, of equals the smaller.
         """

@@ -3,6 +3,7 @@
 | symbol | meaning | unit |
 |---|---|---|
 | J | control effort, minimized | rad^4/s^4 |
+| value | value of `search.maximize`, if the task has it; maximized | its unit |
 | clearance | smallest clearance of the solver's constraints, the end-effector's excepted; maximized | m |
 | stand-off | smallest distance of p_E from a module's centre, maximized | m |
 | peak input | largest rotor input of all load cases over u_max, minimized | |
@@ -26,6 +27,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.goals import GOALS, Goal, Level
 from topo_search.model.load_case import Failing
+from topo_search.model.objective import Objective
 from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
 from topo_search.study.columns import proven_cell
 from topo_search.study.directory import RunFile
@@ -40,7 +42,7 @@ FRONT_COLUMNS = (
     *GOALS,
     *("audit", "level"),
     *(f"level_{name}" for name in Level._fields),
-    "design",
+    *("design", "value"),
 )
 """Columns of `front.csv`: a design's values, then the level at which it was solved, and its file."""
 
@@ -85,17 +87,19 @@ class FrontPoint:
         return {name: values[name] for name in FRONT_COLUMNS}
 
     def costs(self, names: Sequence[str]) -> tuple[float, ...]:
-        """Return J and the named goals in units of their steps, lower is better.
+        """Return J, or minus the maximised value, and the named goals in units of their steps, lower is better.
 
-        A step of J is a share of J: the audit's tolerance.
+        A step of J is a share of J, the audit's tolerance; one of the value is the share by which it is raised.
         """
         missing = dict.fromkeys(GOALS, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
         values = missing | {name: value for name, value in vars(self).items() if value is not None}
         values |= {"modules": self.row.modules, "rotor_out": get_args(Failing).index(self.rotor_out)}
-        effort = math.log(self.row.objective) / 1.0e-6 if self.row.objective else -math.inf
-        table = GOALS | {"modules": Goal("modules", "", 0.5, 1)}
+        values["objective"] = first = _log(self.row.objective or 0.0) / 1.0e-6
+        if self.row.value is not None:
+            first = -_log(self.row.value) / 1.0e-3
+        table = GOALS | {"modules": Goal("modules", "", 0.5, 1), "objective": Goal("J", "rad^4/s^4", 1.0, 1)}
         goals = ((table[name], values[name]) for name in names)
-        return (effort, *(goal.sign * value / goal.step for goal, value in goals))
+        return (first, *(goal.sign * value / goal.step for goal, value in goals))
 
 
 def add_front(folder: RunFolder, answer: Answer) -> Answer:
@@ -104,18 +108,19 @@ def add_front(folder: RunFolder, answer: Answer) -> Answer:
 
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
-    """Return the front of a run with goals, lowest effort first."""
+    """Return the front of a run with goals, best first; of a maximised value against the effort, too."""
     points = list[FrontPoint]()
     for number, level in enumerate(folder.levels):
         for row in (row for n in level.request.task.sizes for row in level.ledger.ranking(n) if row.clear):
             design, audit = level.result_of(row)
             if design is not None and audit is not None and level.request.level is not None:
                 points.append(_front_point(row, design, audit, number, level.request.level))
-    return front(points, folder.request.task.goals.names)
+    task = folder.request.task
+    return front(points, task.goals.names if task.search.maximize is None else (*task.goals.names, "objective"))
 
 
 def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoint, ...]:
-    """Return the points that no other point dominates in J and the named goals, lowest effort first.
+    """Return the points that no other point dominates in J, or the value, and the named goals, best first.
 
     Differences below one step do not count. A point that is left out beats some point of the front by at most two
     steps in any goal.
@@ -132,32 +137,35 @@ def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoin
     )
 
 
-def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint]) -> list[str]:
-    """Return a sentence for each goal whose levels all give the same lowest effort.
+def idle_goals(
+    levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint], objective: Objective
+) -> list[str]:
+    """Return a sentence for each goal whose levels all give the same best number.
 
     Args:
-        levels: every level with its lowest J; None without a design.
-        points: the front, lowest effort first.
+        levels: every level with the J, or value, of its best design; None without one.
+        points: the front, best first.
+        objective: the objective of the run.
     """
     sentences = []
     for index, (name, goal) in enumerate(GOALS.items()):
         groups = defaultdict[tuple[Any, ...], list[float | None]](list)
-        for level, J in levels:
-            groups[(*level[:index], *level[index + 1 :])].append(J)
+        for level, number in levels:
+            groups[(*level[:index], *level[index + 1 :])].append(number)
         has_levels = any(level[index] is not None for level, _ in levels)
-        if points and has_levels and all(map(_are_equal, groups.values())):
+        same = 1.0e-4 if objective.better == "less" else 1.0e-3  # each level draws its own starts
+        if points and has_levels and all(_are_equal(numbers, same) for numbers in groups.values()):
             reached = proven_cell(name, points[0].cells[name], 4)
             sentences.append(
-                f"no level of goals.{name} binds: each gives the same least control effort, whose design reaches "
+                f"no level of goals.{name} binds: each gives the same {objective.least}, whose design reaches "
                 f"{reached} ({goal.unit}); try levels of {goal.field} beyond that"
             )
     return sentences
 
 
-def _are_equal(efforts: list[float | None]) -> bool:
-    # each level draws its own starts, so efforts differ by up to 1e-4
-    known = [J for J in efforts if J is not None]
-    return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + 1.0e-4))
+def _are_equal(numbers: list[float | None], same: float) -> bool:
+    known = [number for number in numbers if number is not None]
+    return len(known) == len(numbers) and (not known or max(known) <= min(known) * (1 + same))
 
 
 def write_front(folder: RunFolder) -> None:
@@ -211,6 +219,10 @@ def _flight_values(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
         "joint_moment": flight.joint_moment_Nm,
         "hinge_angle_deg": flight.hinge_tolerance_deg,
     }
+
+
+def _log(number: float) -> float:
+    return math.log(number) if number > 0 else -math.inf
 
 
 def _dominates(costs: Sequence[float], others: Sequence[float]) -> bool:

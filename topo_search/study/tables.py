@@ -123,8 +123,10 @@ def size_html(size: SizeAnswer) -> str:
 def answer_html(answer: Answer) -> str:
     """Return a sentence and a table for each size, or for the front, for a notebook."""
     if answer.levels:
-        columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
-        names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
+        columns = ["key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max"]
+        names = ["key", "modules", "objective", "clearance", "stand_off", "peak_input"]
+        if answer.objective.better == "more":
+            columns, names = [*columns, answer.objective.column], [*names, "value"]
         cells = [[(name, point.cells[name]) for name in names] for point in answer.points]
         rows = [[x if name == "objective" else proven_cell(name, x) for name, x in row] for row in cells]
         html = heading(f"front of {len(answer.points)} designs, found at {len(answer.levels)} levels")
