@@ -1,23 +1,31 @@
 """The search for the most capable platform: its solver, its order, its answer."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from capability_cases import drawn, held, platform_at
+from scipy.optimize import minimize
 
 from nlp.assembled.problem import AssembledProblem
 from nlp.climbing import RaisedProblem
 from nlp.lazy_solve import without_corners
 from nlp.starts.random_starts import draw, generator
-from topo_search import read_task, search
+from topo_search import plot_front, prove, read_task, search
+from topo_search.cli.tables import result_lines
+from topo_search.compose import check_proofs
 from topo_search.compose.maximizing import MostCapable
 from topo_search.engine import Candidates, Job, Proposal
 from topo_search.engine.randomized import FEWEST_OPEN, RandomizedSearch
 from topo_search.engine.strategy import WAIT, Tried
+from topo_search.export.allocation import allocation
 from topo_search.model import BadInput, Topology
 from topo_search.model.corners import to_corners
-from topo_search.model.maximized import measure, task_at, unit_of
+from topo_search.model.maximized import BALL, measure, ring, task_at, unit_of
+from topo_search.model.vehicle import read_vehicle
 from verify import audit, case_reserves
+from verify.flight.vehicle import capability
 
 HOVER = (
     'load_cases=[{name="hover",carries_weight=true}]',
@@ -49,6 +57,58 @@ def test_what_is_reported_is_what_the_audit_measures(answer):
     assert measure(design.task, case_reserves(design))[0] == pytest.approx(design.value, rel=1e-9)
 
 
+def test_its_exported_rotors_are_as_capable(answer, tmp_path):
+    design = answer.design
+    (tmp_path / "rotors.csv").write_text(allocation(design).rotor_csv())
+    (tmp_path / "vehicle.toml").write_text(f'mass = {design.task.total_mass(3)!r}\nrotors = "rotors.csv"\n')
+    found = capability(read_vehicle(tmp_path / "vehicle.toml"))
+    assert found.flight.hover.horizontal_reserve_com_N == pytest.approx(design.value, rel=1e-9)
+
+
+def hovering(task, rng):
+    """A random tree and angles that hover."""
+    while True:
+        tree, theta, tip = drawn(task, rng)
+        if held(task, platform_at(task, tree, theta, tip)) is not None:
+            return tree, theta
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("quantity", "n"), [("force_reserve", 3), ("torque_reserve", 2)])
+def test_no_descent_of_random_platforms_holds_more(tmp_path, quantity, n):
+    """Hinges and root of many trees are moved to hold more, judged by own linear programs."""
+    task = hover(n, f'search.maximize="{quantity}"')
+    answer, rng = search(task, out=tmp_path / "run", workers=1), np.random.default_rng(n)
+    resolved, tip, towards, best = task.resolve(n), np.zeros(3), ring(16) if n == 3 else BALL, 0.0
+    for _ in range(6):
+        tree, theta = hovering(resolved, rng)
+
+        def lost(theta, tree=tree):
+            return -(held(resolved, platform_at(resolved, tree, theta, tip), towards) or 0.0)
+
+        simplex = theta + np.vstack([np.zeros(n + 2), 0.3 * np.eye(n + 2)])
+        options = {"maxfev": 300, "initial_simplex": simplex}
+        best = max(best, -minimize(lost, theta, method="Nelder-Mead", options=options).fun)
+    most = 1 / math.cos(math.pi / 16) if n == 3 else 1.08  # of directions that are as far apart as these
+    assert 0.8 * answer.best.value < best < most * answer.best.value
+
+
+def test_the_front_of_a_value_is_against_goals_and_effort(tmp_path):
+    task = hover(3, "goals.peak_input=[1.0,0.5]")
+    answer = search(task, out=tmp_path / "run", topologies=["a300"], starts=1, workers=1)
+    points, frame = answer.points, answer.front
+    values = [point.row.value for point in points]
+    assert len(points) > 1
+    assert values == sorted(values, reverse=True) == frame["value"].tolist()
+    assert frame["objective"].is_monotonic_decreasing
+    assert answer.best.value == answer.design.value == values[0]
+    for goal, title in (("peak_input", "largest rotor input / u_max"), ("objective", "J [rad^4/s^4]")):
+        layout = plot_front(answer, goal).layout
+        assert layout.yaxis.title.text == "largest force reserve [N]"
+        assert layout.xaxis.title.text == title
+    assert "largest force reserve [N]" in "\n".join(result_lines(answer))
+
+
 def test_the_answer_speaks_of_the_value(answer):
     best, size = answer.best, answer.sizes[0]
     assert [row.value for row in size.top] == sorted((row.value for row in size.top), reverse=True)
@@ -58,6 +118,18 @@ def test_the_answer_speaks_of_the_value(answer):
     assert size.objective.words(best).startswith("force reserve 2.4")
     assert "force reserve" in str(answer)
     assert answer.candidates.loc[0, "value"] == best.value
+
+
+def test_a_run_is_proven_and_its_proof_is_checked(answer):
+    best = answer.best
+    size = prove(answer.folder, gap=0.45, workers=1).sizes[0]
+    assert size.proven.startswith("proven by branch and bound: no 3-module topology has more than")
+    assert size.best.value == best.value
+    assert size.candidates_gap <= 0.45 < best.gap
+    checked = check_proofs(answer.folder, workers=1)
+    assert checked.settled
+    assert {tree.verdict for tree in checked.trees} == {"checked"}
+    assert all(tree.bound <= 1.45 * best.value * (1 + 1e-6) for tree in checked.trees)
 
 
 def test_random_platforms_hold_less(answer):
@@ -72,7 +144,8 @@ def test_random_platforms_hold_less(answer):
             assert measure(other.task, reserves)[0] <= design.value
 
 
-def test_derivatives_of_the_raised_program():
+@pytest.mark.parametrize("raises", [True, False])
+def test_derivatives_of_the_raised_program(raises):
     task = hover(2, 'flight.at="both"').resolve(2)
     once, twice = (to_corners(task_at(task, k * unit_of(task))) for k in (1, 2))
     few = range(0, len(once.corners), 40)
@@ -81,7 +154,7 @@ def test_derivatives_of_the_raised_program():
     start = draw(without_corners(once), tree, rng=generator(without_corners(once), tree, 0, 0))
     u = np.full((len(once.load_cases), *start.u.shape[1:]), start.u.mean())
     program = AssembledProblem(once, tree, [], 30.0)
-    raised = RaisedProblem(program, once, twice)
+    raised = RaisedProblem(program, once, twice, raises=raises)
     x = np.append(replace(start, task=once, u=u).pack(), 0.3)
     rng, mu, h = np.random.default_rng(1), np.random.default_rng(2).normal(size=raised.rows), 1e-6
 
@@ -100,7 +173,10 @@ def test_derivatives_of_the_raised_program():
     for _ in range(3):
         d = rng.normal(size=raised.size)
         moved = [x + h * d, x - h * d]
-        values, slopes = [raised.constraints(v) for v in moved], [mu @ jacobian(v) for v in moved]
+        values = [raised.constraints(v) for v in moved]
+        slopes = [raised.gradient(v) + mu @ jacobian(v) for v in moved]
+        change = (raised.objective(moved[0]) - raised.objective(moved[1])) / (2 * h)
+        assert raised.gradient(x) @ d == pytest.approx(change, abs=1e-6)
         np.testing.assert_allclose(jacobian(x) @ d, (values[0] - values[1]) / (2 * h), atol=1e-7)
         np.testing.assert_allclose(hessian(x) @ d, (slopes[0] - slopes[1]) / (2 * h), atol=1e-6)
     directly = AssembledProblem(twice, tree, [], 30.0).constraints(x[:-1])

@@ -3,8 +3,8 @@
 From every local optimum of the task without the quantity the solver climbs to a largest value (`nlp.climbing`).
 Then all starts are asked for a design of a larger value, until none has one. A reserve is a ball, of which the
 solver sees some directions, few when all starts are asked; those in which the audit finds a design weakest are
-added until both agree. Meanwhile the platform keeps its angle about the vertical; otherwise, in hover, it would turn
-its weakest directions out of sight. A design that fails its audit is solved with a larger margin, as in every run.
+added until both agree. Meanwhile the platform keeps its angle about the vertical; else, in hover, it would turn its
+weakest directions out of sight. A design that fails its audit is solved with a larger margin, as in every run.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.goals import GOALS, Goal, Level
 from topo_search.model.load_case import Failing
-from topo_search.model.objective import Objective
+from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
 from topo_search.study.columns import proven_cell
 from topo_search.study.directory import RunFile
@@ -138,7 +138,7 @@ def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoin
 
 
 def idle_goals(
-    levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint], objective: Objective
+    levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint], objective: Objective = LEAST_EFFORT
 ) -> list[str]:
     """Return a sentence for each goal whose levels all give the same best number.
 

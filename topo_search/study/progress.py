@@ -23,6 +23,8 @@ class Expected:
     """Time until the first worker has loaded its libraries [s]."""
     reduced_modules: int = 20
     """Largest platform solved by the reduced search, where a start is cheap and Ipopt polishes only the best."""
+    value_s: float = 0.007
+    """Processor time of a start that seeks the largest value, over the cube of the number of modules [s]."""
     chunk_s: float = 0.4
     """Processor time of a chunk of a proof by branch and bound, for three and five modules [s]."""
     trusted_steps: float = 2.0
@@ -87,6 +89,8 @@ def duration(phase: Phase, workers: int) -> float:
 
 def solving_seconds(task: ResolvedTask, starts: int) -> float:
     """Return the expected processor time of one candidate [s]."""
+    if task.search.maximize is not None:
+        return EXPECTED.value_s * starts * float(task.n**3)
     cases = (1 + len(task.load_cases)) / 4
     if task.n <= EXPECTED.reduced_modules:
         candidate, start = 0.08, 0.012  # for up to twelve modules and three load cases
