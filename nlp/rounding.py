@@ -6,9 +6,13 @@ which may be another optimum. For the same reason Ipopt also solves the nearest 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 from nlp.lazy_solve import judge
 from nlp.numbers.point import Point
 from nlp.solving import Solve
+from nlp.start_result import StartResult
 from topo_search.model import Design, Infeasible, ResolvedTask
 from topo_search.model.corners import to_corners
 
@@ -25,11 +29,28 @@ def solve_near(design: Design, task: ResolvedTask) -> Design | Infeasible | None
     from nlp.hinge_sets import near_optima, solve_nearest  # compiled code, which other commands need not load
 
     request = Solve(task, design.topology, range(1), 0, (), ())
-    any_angle = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    unmoved = judge(any_angle, 0, Point.of(design), "given", request.constraints)
-    on_set, topology, constraints = to_corners(task), design.topology, request.constraints
-    results, _ = near_optima(on_set, topology, [unmoved], constraints)
-    results = request.count_rods(results + solve_nearest(on_set, topology, unmoved, constraints))
+    topology, constraints, results = design.topology, request.constraints, list[StartResult]()
+    for limited in (task, *_within_its_rod(design, task)):
+        any_angle = to_corners(limited.model_copy(update={"search": limited.search.any_angle}))
+        unmoved, on_set = judge(any_angle, 0, Point.of(design), "given", constraints), to_corners(limited)
+        found, _ = near_optima(on_set, topology, [unmoved], constraints)
+        for one in found + solve_nearest(on_set, topology, unmoved, constraints):
+            point = replace(one.point, task=to_corners(task))
+            results.append(StartResult.from_point(one.start, point, one.result, one.corners, constraints))
+    results = request.count_rods(results)
     if not results:
         return None
     return request.outcome(min(results, key=lambda result: result.rank), results)
+
+
+def _within_its_rod(design: Design, task: ResolvedTask) -> Iterator[ResolvedTask]:
+    """Yield the task with no more reach than the rod of a design, if its mass counts.
+
+    Until results are weighed, its mass is that of the design's rod, whatever its length, so the tip moves away.
+    """
+    from nlp.shortest_rod import rod_length  # compiled code
+
+    length = rod_length(Point.of(design))
+    if length and task.end_effector.counted_rod is not None:
+        within = task.end_effector.model_copy(update={"largest_reach": length})
+        yield task.model_copy(update={"end_effector": within})

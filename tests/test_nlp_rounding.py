@@ -9,9 +9,11 @@ from nlp_cases import solved
 
 from nlp import solve, solve_near
 from nlp.hinge_sets import _Set
+from nlp.numbers.point import Point
+from nlp.shortest_rod import rod_length
 from topo_search.compose import NotClear, audit, round_angles
 from topo_search.compose.rounding import move_hinges
-from topo_search.model import Design, Status, Topology
+from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.task_file import read_task
 
 
@@ -60,6 +62,23 @@ def test_ten_modules_whose_rod_would_be_too_long_are_moved_within_its_reach() ->
     assert audited.verdict == "clear"
     assert rounded.objective / design.objective < 1.005
     assert "rounded to 1 deg" in notes[0]
+
+
+def test_a_rod_whose_mass_counts_stays_as_long_as_it_was() -> None:
+    """Solved with the mass of a shorter rod, the tip moves away, and the rod becomes heavier than it is worth."""
+    module = {"mass": 0.035, "arm_length": 0.046, "connector_distance": 0.065, "max_thrust": 0.25}
+    module |= {"thrust_coefficient": 2.2e-8, "torque_to_thrust": 0.006}
+    body = {"rotor_radius": 0.023, "hub": (0.03, 0.03, 0.02), "arm_width": 0.007, "rotor_height": 0.006}
+    cases = [{"units": "SI", "carries_weight": True}, {"units": "SI", "carries_weight": True}]
+    cases[0]["end_effector"] = {"force": [0.05, 0.0, 0.0]}
+    tables = {"module": {**module, "body": body}, "end_effector": {"mass": 0.003}, "flight": {"defaults": False}}
+    task = Task.model_validate({"name": "small", "modules": 3, "load_cases": cases, **tables}).resolve(3)
+    design = solved(solve(task, Topology.from_key("a300"), starts=range(4), seed=0))
+    rounded, audited, _ = round_angles(design, 0.1)
+    assert audited.verdict == "clear"
+    assert rounded.objective / design.objective < 1.0005
+    before, after = (rod_length(Point.of(one)) for one in (design, rounded))
+    assert 0.9 * before < after < 1.001 * before
 
 
 def test_where_no_step_is_clear_the_answer_is_why() -> None:
