@@ -10,11 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 from commands import refused
-from nlp_cases import as_design, push, random_point, random_tree
+from nlp_cases import GENTLE_PUSH, as_design, push, random_point, random_tree
 from scipy.optimize import linprog
 
 from nlp import proven_bound, solve
 from nlp.assembled.platform import AssembledPlatform, Layout
+from nlp.bounds.branch.arrays import reroot
 from nlp.numbers.point import Point
 from nlp.requirements.balances import wrench_matrix
 from nlp.symbols.platform import wrench_map as symbolic_map
@@ -28,6 +29,9 @@ from topo_search.model.task import Task
 from topo_search.model.vehicle import read_vehicle
 from topo_search.simulation.plant import nominal
 from topo_search.topologies import Symmetry, candidates, count, exact_group, resolve_symmetry
+from topo_search.topologies.family import Family
+from topo_search.topologies.rooted import GROUPS as ELEMENTS
+from topo_search.topologies.rooted import image, key_of, rooted_of, text_of
 from verify import audit
 from verify.flight.vehicle import capability
 from verify.kinematics import platform, wrench_map
@@ -279,7 +283,7 @@ GROUPS: dict[str, tuple[list[Table], str]] = {
 @pytest.mark.parametrize("name", GROUPS)
 def test_the_symmetry_of_a_module_follows_from_its_table(name: str) -> None:
     rotors, group = GROUPS[name]
-    for n in range(1, 5):
+    for n in range(1, 6):
         task = push(n, module={"rotors": rotors, **SMALL})
         assert exact_group(task) == group
         listed = [tree.key for tree in candidates(n, symmetry="task", task=task)]
@@ -287,6 +291,30 @@ def test_the_symmetry_of_a_module_follows_from_its_table(name: str) -> None:
         plain: dict[str, Symmetry] = {"d2": "d2", "c2": "c2", "c1": "none"}
         assert listed == [tree.key for tree in candidates(n, symmetry=plain[group])]
     assert resolve_symmetry(task).exact
+
+
+PAIRS = [*range(2), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 50))]
+"""Seeds of pairs of trees of one class, for each group."""
+
+
+@pytest.mark.parametrize("name", ["X", "leaning rotors", "three rotors"])
+@pytest.mark.parametrize("seed", PAIRS)
+def test_trees_of_one_class_cost_the_same_when_solved_apart(name: str, seed: int) -> None:
+    """Turned or mirrored by an element of the module's group, and seen from another module."""
+    (rotors, group), rng = GROUPS[name], np.random.default_rng(seed)
+    task = push(3, module={"rotors": rotors, "max_thrust_to_weight": 4.0, **SMALL}, load_cases=GENTLE_PUSH)
+    family = Family(3, symmetry="task", task=task)
+    assert family.group == group
+    listed = [one.topology for one in family.candidates()]
+    tree = listed[int(rng.integers(len(listed)))]
+    element = ELEMENTS[group][int(rng.integers(len(ELEMENTS[group])))]
+    other = reroot(Topology.from_key(key_of(text_of(image(rooted_of(tree.key), element)))), int(rng.integers(3)))
+    costs = [solve(task, one, starts=range(8), seed=seed) for one in (tree, other)]
+    efforts = [one.objective if isinstance(one, Design) else None for one in costs]
+    assert efforts[0] == (None if efforts[1] is None else pytest.approx(efforts[1], rel=1e-4)), (
+        tree.key,
+        other.key,
+    )
 
 
 BAD: dict[str, tuple[Table, str, str]] = {
@@ -320,6 +348,11 @@ BAD: dict[str, tuple[Table, str, str]] = {
         {"rotors": star(10.0), "airflow": {"speed": 3.0}, **SMALL}, "module.airflow.speed", "other than an X"
     ),
     "tilt": ({"rotors": star(30.0), **SMALL}, "module.rotors", "30 deg"),
+    "own radii": (
+        {"rotors": [{**X[0], "radius": 0.07}, *X[1:3], {**X[3], "radius": 0.08}]},
+        "module.rotors[3].position",
+        "0.08 m",
+    ),
 }  # fmt: skip
 
 
@@ -331,6 +364,16 @@ def test_what_no_module_can_have_is_refused_with_field_rule_and_value(name: str)
         validate(Task, data, "t.toml")
     assert [fault.path for fault in caught.value.faults] == [field]
     assert words in caught.value.faults[0].rule
+
+
+def test_any_connectors_need_a_module_that_half_a_turn_leaves_as_it_is() -> None:
+    for name, is_refused in (("leaning rotors", False), ("three rotors", True)):
+        module = {"rotors": GROUPS[name][0], **SMALL}
+        if is_refused:
+            with pytest.raises(ValueError, match=r'search\.connectors|must be "aligned"'):
+                push(3, module=module, search={"connectors": "any"})
+        else:
+            push(3, module=module, search={"connectors": "any"})
 
 
 def test_air_speeds_of_other_rotors_are_refused_and_not_guessed() -> None:

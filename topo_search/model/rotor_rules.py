@@ -24,7 +24,7 @@ PROJECTIONS, NEAR = 200, 1e-3
 
 def broken_rotors(task: Task) -> Broken:
     """Yield broken rules about the table of rotors, or else what is not known of the air of such rotors."""
-    broken = [] if task.module.rotors is None else list(_broken_table(task.module))
+    broken = [] if task.module.rotors is None else [*_broken_table(task.module), *_broken_connectors(task)]
     yield from broken or _broken_air(task)
 
 
@@ -55,6 +55,13 @@ def _broken_table(module: Module) -> Broken:
     if module.airflow.speed is not None and not table.is_x:
         rule = "must be left out with rotors other than an X: the jet model was measured for that"
         yield ("module", "airflow", "speed"), f"{rule}, but got {module.airflow.speed:g}"
+
+
+def _broken_connectors(task: Task) -> Broken:
+    """Yield a choice of connectors that keys cannot tell: they assume that half a turn leaves a module as it is."""
+    if task.search.connectors == "any" and not task.module.rotor_table.has_symmetry(np.diag([-1.0, -1.0, 1.0])):
+        rule = 'must be "aligned" with rotors that half a turn of the module does not map onto each other'
+        yield ("search", "connectors"), f'{rule}, but got "any"'
 
 
 def _broken_air(task: Task) -> Broken:
