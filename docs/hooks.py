@@ -19,7 +19,6 @@ from mkdocs.structure.pages import Page
 
 from topo_search.cli import GROUPS
 from topo_search.limits import LIMITS, Limits
-from topo_search.model.proven import gap_percent
 from topo_search.model.task_file import examples, task_template
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
@@ -104,7 +103,7 @@ def _example(name: str, result: dict[str, Any] | None) -> str:
         parts.append(
             f"{result['modules']} modules, {result['candidates']} candidates, {result['cpu_seconds']} s of CPU "
             f"time. Best design: `{result['key']}`, audit {result['audit']}; "
-            f"no platform of that size is more than {gap_percent(result['gap'])} better."
+            f"no platform of that size {result['claim']}."
         )
         alt = f"The best platform found for {name}: its airflow, a close-up and its tree"
         parts.append(f"![{alt}](pictures/gallery-{name}.png)")

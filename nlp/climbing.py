@@ -27,7 +27,7 @@ from nlp.evaluation import correct_point
 from nlp.features import pseudo_inverse_constraints
 from nlp.ipopt import result_of
 from nlp.lazy_solve import LAZY, most_violated, with_all_corners, with_some_corners
-from nlp.numbers.point import Point
+from nlp.numbers.point import Point, weigh_rod
 from nlp.program import MOVE_LIMITS, ROUND_OPTIONS, AssembledProgram, run_ipopt
 from nlp.rows import UserConstraints
 from nlp.solving import design_of
@@ -42,6 +42,8 @@ FIRST = 1e-3
 """Initial value of a design that holds none, in units of the quantity."""
 SOLVES = 40
 """Largest number of solves, each with the corner that the one before violates most."""
+RODS = 10
+"""Largest number of solves with the mass of the rod that the one before found."""
 SLACK = 1e-6
 """Share of a value that is given up, so that the corrected inputs produce its wrenches."""
 
@@ -119,9 +121,20 @@ def climb(
         value: value that a design of least effort has; None for the largest one.
         turns: whether the platform may turn about the vertical.
     """
-    user_constraints, rod = (*constraints, *pseudo_inverse_constraints(task)), design.task.end_effector.counted_rod
-    raised = _raise(task.with_rod(rod), Point.of(design), user_constraints, value, turns)
-    return design if raised is None else design_of(raised, SolverRecord.model_validate(design.solver), constraints)
+    user_constraints = (*constraints, *pseudo_inverse_constraints(task))
+    best, point, record = design, Point.of(design), SolverRecord.model_validate(design.solver)
+    for _ in range(RODS):
+        rod = point.task.end_effector.counted_rod
+        raised = _raise(task.with_rod(rod), point, user_constraints, value, turns)
+        if raised is None:
+            break
+        point = correct_point(weigh_rod(raised.point), user_constraints)
+        weighed = StartResult.from_point(0, point, raised.result, constraints=user_constraints)
+        if weighed.worst.met or best is design:
+            best = design_of(weighed if weighed.worst.met else raised, record, constraints)
+        if weighed.worst.met:
+            break
+    return best
 
 
 def _raise(

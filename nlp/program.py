@@ -19,6 +19,7 @@ from nlp.features import rows_of
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.rows import Selections, UserConstraints
 from topo_search.model import ResolvedTask, Topology
@@ -262,7 +263,10 @@ def run_ipopt(
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
     solver = ipopt("assembled", nlp, {**OPTIONS, **options, **ROUND_OPTIONS.mumps, **derivatives})
-    bounds = {"lbx": lower, "ubx": upper, "lbg": program.lower, "ubg": program.upper}
+    is_equation = program.lower == program.upper
+    # a single module has fewer unknowns than equations, most of them redundant, which Ipopt refuses
+    play = WRENCH_TOLERANCE / 2 * is_equation if is_equation.sum() > (lower < upper).sum() else 0.0
+    bounds = {"lbx": lower, "ubx": upper, "lbg": program.lower - play, "ubg": program.upper + play}
     solution = solver(x0=ca.DM(start), **{name: ca.DM(values) for name, values in bounds.items()})
     for function in (nlp, grad_f, jac_g, hess_lag):
         if function.error is not None:

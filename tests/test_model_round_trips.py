@@ -39,7 +39,7 @@ from verify import audit
 EXAMPLES = [
     *("crazyflie", "five-inch", "h-modquad", "hexarotor"),
     *("push", "push-directional", "push-exterior-60", "push-exterior-90", "push-local", "push-two-paths"),
-    *("survives-a-rotor", "ten-wrenches", "ten-wrenches-directional", "ten-wrenches-exterior-60"),
+    *("strongest", "survives-a-rotor", "ten-wrenches", "ten-wrenches-directional", "ten-wrenches-exterior-60"),
     *("ten-wrenches-local", "wall-push", "window-cleaning"),
 ]
 

@@ -70,6 +70,7 @@ def main() -> None:
             "candidates": sum(size.candidates for size in answer.sizes),
             "feasible": sum(size.statuses["feasible"] for size in answer.sizes),
             "gap": answer.best.gap,
+            "claim": answer.objective.bound_words(answer.best),
             "audit": answer.best.audit,
             "cpu_seconds": round(_cpu_seconds() - before),
         }

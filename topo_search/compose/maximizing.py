@@ -64,7 +64,8 @@ class MostCapable:
         best, goal = None, self.job.reach
         if not goal:
             optima = self.local_optima(self._job(goal, ()), math.inf)
-            best = self._clear(max(map(self._climb, optima), key=_value)) if optima else None
+            summits = [self._climb(design, rounds=1) for design in optima]
+            best = self._clear(self._climb(max(summits, key=_value))) if summits else None
         for _ in range(MAXIMIZING.asks):
             goal = goal if best is None else _value(best) + step_of(self.job.task, _value(best))
             outcome = self.solve(self._job(goal, self.coarse))
@@ -85,12 +86,12 @@ class MostCapable:
         """Return the job that asks for a value in some directions."""
         return replace(self.job, task=task_at(self._base, value).with_fields("search", towards=tuple(towards)))
 
-    def _climb(self, design: Design) -> Design:
+    def _climb(self, design: Design, rounds: int = MAXIMIZING.rounds) -> Design:
         """Return the largest value near a design, as the audit measures it."""
         from nlp.climbing import climb  # compiled code, which other commands need not load
 
         reached = list[Design]()
-        for turn in range(MAXIMIZING.rounds):
+        for turn in range(rounds):
             design = climb(self._base, design, self.constraints, turns=not turn)
             measured, weakest = self._measure(design)
             reached.append(measured)
@@ -121,7 +122,7 @@ class MostCapable:
         cheapest = self.solve(replace(self._job(value, self.towards), starts=range(0), near=(best,)))
         for _ in range(MAXIMIZING.rounds):
             if isinstance(cheapest, Infeasible):
-                break
+                cheapest = climb(self._base, best, self.constraints, value=value, turns=False)
             measured, weakest = self._measure(cheapest)
             if _value(measured) >= value - step or not self._see(weakest):
                 return measured

@@ -16,7 +16,7 @@ from topo_search.engine.workers import AuditDesign, audit_deadline
 from topo_search.model import CheckedChunk, Chunk, Design, Infeasible, Proof, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.largest_value import objective_of
-from topo_search.model.maximized import provable_at
+from topo_search.model.maximized import provable_at, task_at
 from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proof import Aim, Problem, chunk_count, most_effort
 from topo_search.model.proven import gap_percent, lower_text, upper_text
@@ -542,11 +542,12 @@ def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine
         design, _ = folder.result_of(best)
     except BadInput as error:
         return str(error)
-    task = folder.request.contexts(best.modules)[best.step].task
+    tasks = [context.task for context in folder.request.contexts(best.modules)]  # a job may raise its own margin
+    stated = [tasks[best.step]] if best.value is None else [task_at(task, best.value) for task in tasks]
     if (
         design is None
-        or (design.topology.key, design.objective) != (best.key, best.objective)
-        or design.task != task.with_rod(design.task.end_effector.counted_rod)
+        or (design.topology.key, design.objective, design.value) != (best.key, best.objective, best.value)
+        or design.task not in [task.with_rod(design.task.end_effector.counted_rod) for task in stated]
     ):
         return f"{best.key}: its design is of another tree, task or objective"
     verdict = engine.run_one(audit, design, deadline=audit_deadline(best.modules))
