@@ -39,7 +39,8 @@ def rotor_airflow(i: int, j: int, _: int | None = None) -> str:
     return f"rotors of module {i} and airflow of module {j}"
 
 
-def exposure(number: int, exposure: AnyExposure, i: int, _: int, segment: int | None) -> str:
-    """Name the clearance of module i's envelope from an exposure requirement."""
+def exposure(number: int, exposure: AnyExposure, rotor: int | None, i: int, _: int, segment: int | None) -> str:
+    """Name the clearance of module i's envelope, or of one of its rotors, from an exposure requirement."""
     part = "" if segment is None else f", {PART_NAMES[exposure.kind]} {segment}"
-    return f"exposure {number} ({exposure.kind}{part}) of module {i}"
+    of_rotor = "" if rotor is None else f"rotor {rotor} of "
+    return f"exposure {number} ({exposure.kind}{part}) of {of_rotor}module {i}"

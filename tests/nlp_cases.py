@@ -173,6 +173,21 @@ FEATURES: dict[str, Table] = {
             "body": {"rotor_radius": 0.03},
         }
     },
+    "jets of their own": {
+        "module": {
+            "max_thrust_to_weight": 4.0,
+            "rotors": [
+                {"position": [0.0707, -0.0707, 0.0], "axis": [0.353553, 0.353553, 0.866025], "spin": 1},
+                {"position": [-0.0707, -0.0707, 0.0], "axis": [-0.353553, 0.353553, 0.866025], "spin": -1},
+                {"position": [-0.0707, 0.0707, 0.0], "axis": [-0.353553, -0.353553, 0.866025], "spin": 1},
+                {"position": [0.0707, 0.0707, 0.0], "axis": [0.353553, -0.353553, 0.866025], "spin": -1},
+            ],
+            "body": {"rotor_radius": 0.03},
+            "airflow": {"regions": {"start_radius": 0.04, "spread_angle_deg": 8.0, "reach": 1.2}},
+        },
+        "search": {"interference": "separation"},
+        "exposure": [LOCAL, PATH],
+    },
     "rod along a force": {"end_effector": {"rod": "straight", "axis": "force"}},
 }
 """What a task can ask for: fields laid over the push task."""
@@ -183,7 +198,7 @@ DISTINCT = (
     *("stand-off in place of exclusion", "peak input", "end-effector at the COM", "least input"),
     *("joint mass, fixed end-effector", "any port", "solid cone", "solid path along the end-effector"),
     *("several solid pieces", "rod beside solid bent paths", "rod in a solid cone within reach"),
-    *("thick rod in a solid ball", "rod along an axis", "tilted rotors"),
+    *("thick rod in a solid ball", "rod along an axis", "tilted rotors", "jets of their own"),
 )
 """Features of which each has rows, or an option, that no other one of these has: what the fast suite looks at."""
 

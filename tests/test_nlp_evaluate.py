@@ -125,7 +125,7 @@ def audited_clearances(design):
         elif r.kind == "exclusion":
             name = f"end-effector exclusion of module {r.a}"
         else:
-            name = names.exposure(r.b, task.exposure[r.b], r.a, r.a, r.segment)
+            name = names.exposure(r.b, task.exposure[r.b], r.rotor, r.a, r.a, r.segment)
         assert isinstance(r.against, AllowedCone) == (r.kind in ("exterior", "allowed"))
         found[name] = clearance_of(r) * task.module.arm_length - more
     return found

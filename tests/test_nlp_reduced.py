@@ -63,7 +63,7 @@ def lengths_of(row, stated):
     end = start + growth
     if isinstance(body, s.PartsBody):
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
-    if isinstance(body, s.EnvelopeBody):
+    if isinstance(body, s.EnvelopeBody | s.JetBody):
         end += body.radius + body.growth
     R = end + obstacle.radius if isinstance(obstacle, s.CapsuleObstacle) else end or obstacle.distance
     return R, R

@@ -19,13 +19,15 @@ from verify.certificate import RoundBody
 from verify.compounds import Compound
 from verify.convex import box
 from verify.parts import bounding_box
-from verify.requirements import Scene
+from verify.requirements import PlacedAir, Scene
 
 
 def two_modules(own, envelope, R, centre):
     """The parts of two modules, the first of which stands anywhere; the other one's envelope is given."""
     body = Compound(own, bounding_box(own), 5)
-    return (body.place(R, centre), body.place(np.eye(3), np.zeros(3))), [envelope, envelope]
+    return (body.place(R, centre), body.place(np.eye(3), np.zeros(3))), [
+        PlacedAir(i, None, envelope) for i in (0, 1)
+    ]
 
 
 @pytest.mark.parametrize("hub", [False, True])

@@ -220,10 +220,10 @@ def _airflow_sources(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
     """Return the modules, its own included, whose airflow each rod passes through or comes too close to."""
     if not rods:
         return []
-    rod_index, module = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
-    airflow = ConeSpheres.of([envelope.body for envelope in scene.envelopes]).take(module)
+    rod_index, number = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
+    airflow = ConeSpheres.of([air.body.body for air in scene.envelopes]).take(number)
     bodies = ConeSpheres.of([rod.round_body.body for rod in rods]).take(rod_index)
-    d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), -1)
+    d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), len(scene.centres), -1).min(axis=2)
     return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
 
 

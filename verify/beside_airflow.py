@@ -42,7 +42,7 @@ from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, FclPolytope, Indices
-from verify.requirements import Scene
+from verify.requirements import PlacedAir, Scene
 
 BesideAirflow = ClearanceCheck[Compound, RoundBody]
 """Check of one module's rotor `segment`, or hub and arms if None, against the airflow of another module."""
@@ -75,13 +75,13 @@ class _Clearances(NamedTuple):
 
 
 def beside_airflow(
-    modules: Sequence[Compound], envelopes: Sequence[RoundBody], *, counts: bool
+    modules: Sequence[Compound], envelopes: Sequence[PlacedAir], *, counts: bool
 ) -> Iterator[BesideAirflow]:
     """Yield every rotor, then hub and arms, of every module against the airflow of every other module."""
     return (
-        BesideAirflow("rotor-airflow", a, b, module, envelope, segment, counts, certifier=certify_beside)
+        BesideAirflow("rotor-airflow", a, b, module, air, segment, counts, certifier=certify_beside, rotor=rotor)
         for a, module in enumerate(modules)
-        for b, envelope in enumerate(envelopes)
+        for b, rotor, air in envelopes
         if a != b
         for segment in (*range(module.rotors), None)
     )

@@ -34,8 +34,8 @@ def beside_brackets(scene: Scene, _: Mount | None) -> Iterator[AnyCheck]:
     """Yield every bracket against every airflow, then against the rotors of every module."""
     brackets = bracket_hulls(scene)
     for a, bracket in brackets.items():
-        for b, envelope in enumerate(scene.envelopes):
-            yield ClearanceRequirement("bracket-airflow", a, b, envelope, bracket)
+        for b, rotor, envelope in scene.envelopes:
+            yield ClearanceRequirement("bracket-airflow", a, b, envelope, bracket, rotor=rotor)
     for a, bracket in brackets.items():
         solid = Polyhedron("bracket", bracket.mesh.vertices, bracket.mesh.triangles)
         body = Compound((solid,), solid)

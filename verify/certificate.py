@@ -90,11 +90,13 @@ class ClearanceCheck(Generic[Side, Other]):
     """Certifier of a batch of such checks; None: that for the types of their sides."""
     contact: int | None = None
     """Number of the load case whose object the other side is."""
+    rotor: int | None = None
+    """Number of the rotor whose airflow it is, where each has an envelope of its own."""
 
     @property
-    def key(self) -> tuple[Kind, int, int, int | None]:
+    def key(self) -> tuple[Kind, int, int, int | None, int | None]:
         """Key of the check within a design."""
-        return self.kind, self.a, self.b, self.segment
+        return self.kind, self.a, self.b, self.segment, self.rotor
 
 
 class RoundBody:

@@ -109,6 +109,7 @@ def _clearance(
         b=check.b,
         segment=check.segment,
         contact=check.contact,
+        rotor=check.rotor,
         status=certificate.status,
         lower_m=lower,
         upper_m=upper,

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,14 @@ class ClearanceRequirement(ClearanceCheck[RoundBody, RoundBody | AllowedCone | H
     """A cone-sphere (airflow envelope, ball or rod) that must keep clear of a volume or stay inside a cone."""
 
 
+class PlacedAir(NamedTuple):
+    """Airflow envelope of a module of a design, or of one of its rotors."""
+
+    module: int
+    rotor: int | None
+    body: RoundBody
+
+
 class Scene:
     """The volumes of a design: airflow, rigid parts, rods, target regions."""
 
@@ -45,19 +54,27 @@ class Scene:
         """End-effector from the COM; some requirements take their direction from it."""
 
     @cached_property
-    def envelopes(self) -> list[RoundBody]:
-        """Airflow envelopes of all modules."""
-        return self._place(self.design.task.module.envelope)
+    def envelopes(self) -> list[PlacedAir]:
+        """Airflow envelopes of all modules, module by module."""
+        return self._place(self.design.task.module.envelopes)
 
     @cached_property
-    def region_envelopes(self) -> list[RoundBody]:
+    def region_envelopes(self) -> list[PlacedAir]:
         """Airflow envelopes used against target regions."""
-        return self._place(self.design.task.module.region_envelope)
+        return self._place(self.design.task.module.region_envelopes)
 
-    def _place(self, envelope: AirflowEnvelope) -> list[RoundBody]:
-        length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
-        body = RoundBody(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        return [body.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
+    def _place(self, envelopes: Sequence[AirflowEnvelope]) -> list[PlacedAir]:
+        bodies = list[RoundBody]()
+        for envelope in envelopes:
+            length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
+            start, path = np.array(envelope.origin) / self.l_arm, -length * np.array(envelope.upstream)
+            bodies.append(RoundBody(ConeSphere(start, path + 0.0, r, dr)))
+        single = len(bodies) == 1
+        return [
+            PlacedAir(i, None if single else q, body.place(R, o))
+            for i, (R, o) in enumerate(zip(self.R, self.centres, strict=True))
+            for q, body in enumerate(bodies)
+        ]
 
     @cached_property
     def body(self) -> Compound:
@@ -86,13 +103,13 @@ class Scene:
         """Yield the requirements: airflow, exposure, exclusion, separation."""
         task, pairs = self.design.task, list(combinations(range(len(self.centres)), 2))
         kind = task.search.interference
-        for a, b in pairs if kind != "parts" else ():
-            sides = self.envelopes[a], self.envelopes[b]
-            yield ClearanceRequirement("airflow", a, b, *sides, counts=kind == "airflow")
+        for first, second in combinations(self.envelopes, 2) if kind != "parts" else ():
+            if first.module != second.module:
+                yield self.airflows_apart(first, second)
         for number, exposure in enumerate(task.exposure):
             for segment, region in self.regions(exposure) if exposure.geometry else ():
-                for a, envelope in enumerate(self.region_envelopes):
-                    yield ClearanceRequirement(exposure.kind, a, number, envelope, region, segment)
+                for a, rotor, envelope in self.region_envelopes:
+                    yield ClearanceRequirement(exposure.kind, a, number, envelope, region, segment, rotor=rotor)
         if (distance := task.exclusion_radius) is not None:
             *balls, tip = _balls([*self.centres, self.tip], distance / self.l_arm / 2)
             for a, ball in enumerate(balls):
@@ -143,8 +160,13 @@ class Scene:
             return
         body = self.straight_rod(mount).round_body
         counts = self.design.task.end_effector.rod == "straight"
-        for b, envelope in enumerate(self.envelopes):
-            yield ClearanceRequirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
+        for b, rotor, air in self.envelopes:
+            yield ClearanceRequirement("rod-airflow", mount.module, b, body, air, counts=counts, rotor=rotor)
+
+    def airflows_apart(self, first: PlacedAir, second: PlacedAir) -> ClearanceRequirement:
+        """Return the requirement that two envelopes do not overlap."""
+        counts, (a, A), (b, B) = self.design.task.search.interference == "airflow", first[::2], second[::2]
+        return ClearanceRequirement("airflow", a, b, A, B, first.rotor, counts, rotor=second.rotor)
 
     def _outward_direction(self) -> Array | None:
         """Return p_E / ||p_E||; None if p_E is almost zero, which the residuals report as a violation."""

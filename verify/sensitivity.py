@@ -32,7 +32,7 @@ from verify.cones import certify_parts_inside
 from verify.contacts import AnyCheck
 from verify.hulls import HullBody, approach
 from verify.kinematics import Poses, platform, poses_of
-from verify.requirements import ClearanceRequirement, Scene
+from verify.requirements import Scene
 from verify.sections import Findings
 from verify.tolerance import Errors, Example, Tolerance, Weakest
 
@@ -176,8 +176,9 @@ class _ErrorSearch:
     def _counterpart(self, scene: Scene, other: AnyCheck) -> AnyCheck | None:
         """Return the check that corresponds to one of another platform of the same task and tree, if any."""
         if other.kind == "airflow":  # thousands for a hundred modules, too many to search
-            envelopes = scene.envelopes
-            return ClearanceRequirement("airflow", other.a, other.b, envelopes[other.a], envelopes[other.b])
+            each = len(scene.envelopes) // len(scene.centres)
+            first, second = other.a * each + (other.segment or 0), other.b * each + (other.rotor or 0)
+            return scene.airflows_apart(scene.envelopes[first], scene.envelopes[second])
         (group,) = (group for group in self._found.clearances if other.kind in group.kinds)
         return next((check for check in group.checks(scene, self._mount) if check.key == other.key), None)
 
@@ -231,5 +232,5 @@ def clearance_of(check: AnyCheck) -> float:
 
 
 def _pair(check: AnyCheck) -> dict[str, object]:
-    fields = ("kind", "a", "b", "segment", "contact")
+    fields = ("kind", "a", "b", "segment", "contact", "rotor")
     return {field: getattr(check, field) for field in fields}

@@ -212,7 +212,8 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
             (distance - l_c, f"every module's centre keeps {lower_text(distance)} m from the end-effector")
         )
     for e, exposure in enumerate(task.exposure):
-        for shape in exposure.shapes if exposure.geometry else ():
+        # envelopes of rotors do not start at the module's centre
+        for shape in exposure.shapes if exposure.geometry and not task.module.rotor_table.has_own_jets else ():
             distance = _kept_off(shape, task.module.region_envelope.start_radius)
             reason = f"exposure[{e}], {exposure.words}, keeps every module's centre {lower_text(distance)} m off"
             distances.append((distance - l_c, reason))

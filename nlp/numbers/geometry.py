@@ -28,6 +28,7 @@ m_i = sum_q (u_iq / r) (delta_q x a_q - s_q k_tau / (k_f l_arm) a_q), with r rot
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,9 +121,18 @@ class Ball(Swept):
         super().__init__(o, 0.0 * o, radius)
 
 
-def envelopes(air: AirflowEnvelope, R: Array, p: Array) -> Swept:
-    """Return the airflow envelopes of modules with orientations R (n,3,3) and centres p (n,3) [m]."""
-    return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
+def envelopes(airs: Sequence[AirflowEnvelope], R: Array, p: Array) -> Swept:
+    """Return the airflow envelopes of modules with orientations R (n,3,3) and centres p (n,3) [m].
+
+    All of a module have the same sizes.
+    """
+    air = airs[0]
+    if len(airs) == 1:
+        return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
+    places = np.array([(one.origin, one.upstream) for one in airs])
+    o, upstream = np.einsum("nij,qkj->knqi", R, places)
+    starts, axes = (p[:, None] + o).reshape(-1, 3), upstream.reshape(-1, 3)
+    return Swept(starts, -air.length * axes, air.start_radius, air.growth)
 
 
 def clearance(first: Swept, second: Swept) -> Array:

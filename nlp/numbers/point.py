@@ -57,7 +57,7 @@ class Point:
     def envelopes(self) -> Swept:
         """Airflow envelopes of all modules."""
         R, p = self.poses
-        return envelopes(self.task.module.envelope, R, p)
+        return envelopes(self.task.module.envelopes, R, p)
 
     @cached_property
     def vectors(self) -> dict[str, Array]:

@@ -29,6 +29,7 @@ from nlp.requirements.row_kinds import (
     CONE,
     ENVELOPE,
     FACES,
+    JET,
     MODULE,
     OFFSET,
     PARTS,
@@ -232,6 +233,10 @@ def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> Sw
         return o, multiply(-numbers[k_0], row(pose.z, i)), numbers[k_0 + 1], numbers[k_0 + 2]
     if kind == PARTS:
         return add(o, 1.0, rotate(pose.R, i, row(problem.parts, k))), NO_AXIS, problem.parts[k, 3], 0.0
+    if kind == JET:
+        start = add(o, 1.0, rotate(pose.R, i, _vector(numbers, k_0 + 3)))
+        axis = multiply(-numbers[k_0], rotate(pose.R, i, _vector(numbers, k_0 + 6)))
+        return start, axis, numbers[k_0 + 1], numbers[k_0 + 2]
     if kind == ROD:  # without its tip
         start = add(o, 1.0, rotate(pose.R, i, _vector(numbers, k_0 + 1)))
         to_start = add(start, -1.0, p_E_of(pose))

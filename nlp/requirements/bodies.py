@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Ball, Swept
-from nlp.requirements.row_kinds import EnvelopeBody, PartsBody, RodBody
+from nlp.requirements.row_kinds import EnvelopeBody, JetBody, PartsBody, RodBody
 from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.units import Units
 from topo_search.model import ResolvedTask
@@ -38,9 +38,16 @@ class Air(NamedTuple):
         return cls._in_units(task, task.module.envelope)
 
     @classmethod
-    def at_regions(cls, task: ResolvedTask) -> Air:
-        """Return the envelope that keeps out of regions."""
-        return cls._in_units(task, task.module.region_envelope)
+    def at_regions(cls, task: ResolvedTask) -> dict[int | None, Air | RotorJet]:
+        """Return the envelopes of a module that keep out of regions, by rotor; by None if one is for all."""
+        airs, unit = task.module.region_envelopes, Units.of(task).length
+        sizes = [cls._in_units(task, air) for air in airs]
+        if not task.module.rotor_table.has_own_jets:
+            return {None: sizes[0]}
+        jets = (
+            RotorJet(*size, divide(air.origin, unit), air.upstream) for size, air in zip(sizes, airs, strict=True)
+        )
+        return dict(enumerate(jets))
 
     @classmethod
     def _in_units(cls, task: ResolvedTask, air: AirflowEnvelope) -> Air:
@@ -61,6 +68,33 @@ class Air(NamedTuple):
     def search_body(self) -> EnvelopeBody:
         """The body of the compiled search."""
         return EnvelopeBody(self.length, self.start_radius, self.growth)
+
+
+class RotorJet(NamedTuple):
+    """Airflow envelope of a rotor [l_arm]."""
+
+    length: float
+    start_radius: float
+    growth: float
+    origin: Vector
+    upstream: Vector
+    """Unit vector against the flow, in the module's frame as `origin`."""
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """The module's centre and axes."""
+        return FROM_TIP, X_I, Y_I, Z_I
+
+    def solids(self, y: Sequence[Any]) -> list[Swept]:
+        """Return the envelopes of modules, as those of `Air`."""
+        q, *axes = y
+        o, upstream = (sum(a * axis for a, axis in zip(v, axes, strict=True)) for v in (self.origin, self.upstream))
+        return [Swept(q + o, -self.length * upstream, self.start_radius, self.growth)]
+
+    @property
+    def search_body(self) -> JetBody:
+        """The body of the compiled search."""
+        return JetBody(*self)
 
 
 class RodShape(NamedTuple):
@@ -121,7 +155,7 @@ class PartBalls:
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
 
-AnyBody = Air | RodShape | PartBalls
+AnyBody = Air | RotorJet | RodShape | PartBalls
 """Body that keeps out of a region at the end-effector; hashable."""
 
 

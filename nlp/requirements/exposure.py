@@ -260,8 +260,9 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
 
     for number, exposure in enumerate(task.exposure):
         if exposure.geometry:
-            airflow = formulas(exposure, Air.at_regions(task))
-            yield Requirement(9, partial(names.exposure, number, exposure), subjects, airflow, margin)
+            for rotor, air in Air.at_regions(task).items():
+                name = partial(names.exposure, number, exposure, rotor)
+                yield Requirement(9, name, subjects, formulas(exposure, air), margin)
         if exposure.solid:
             parts = formulas(exposure, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number, exposure.contact), subjects, parts, margin)

@@ -21,6 +21,19 @@ class EnvelopeBody(NamedTuple):
     growth: float
 
 
+class JetBody(NamedTuple):
+    """The airflow envelope of a rotor of module i [l_arm]."""
+
+    length: float
+    radius: float
+    """Start radius."""
+    growth: float
+    origin: Vector
+    """Start of its axis, in the module's frame."""
+    upstream: Vector
+    """Unit vector along the axis, against the flow."""
+
+
 class RodBody(NamedTuple):
     """Candidate rod from a connector of module i to the end-effector [l_arm]: only the best rod's rows apply."""
 
@@ -108,13 +121,13 @@ class OffsetObstacle(NamedTuple):
     """Smallest length of p_E [l_arm]."""
 
 
-SearchBody = CentreBody | EnvelopeBody | RodBody | PartsBody
+SearchBody = CentreBody | EnvelopeBody | RodBody | PartsBody | JetBody
 SearchObstacle = (
     ModuleObstacle | AirflowObstacle | TipObstacle | CapsuleObstacle | HullObstacle | FacesObstacle
     | ConeObstacle | ReachObstacle | OffsetObstacle
 )  # fmt: skip
 BODIES, OBSTACLES = get_args(SearchBody), get_args(SearchObstacle)
-CENTRE, ENVELOPE, ROD, PARTS = range(len(BODIES))
+CENTRE, ENVELOPE, ROD, PARTS, JET = range(len(BODIES))
 MODULE, AIRFLOW, TIP_POINT, CAPSULE, HULL, FACES, CONE, REACH, OFFSET = range(len(OBSTACLES))
 """Kinds of bodies and obstacles in the compiled search; `nlp.reduced.clearance` has a function for each."""
 

@@ -142,7 +142,7 @@ def _apex(start: Point, cone: Cone) -> Array:
     """Return p'_E: upstream of the rotors, just far enough for its cone to contain all airflow."""
     task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
     centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
-    airflow = envelopes(task.module.region_envelope, *start.poses)
+    airflow = envelopes(task.module.region_envelopes, *start.poses)
     reach = cone_reach(airflow, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
     clear = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin

@@ -120,7 +120,7 @@ def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: floa
     lift = max(float(np.linalg.norm(thrust)), 1e-9)
     reach = task.module.connector_distance
     if half_angle is not None:
-        reach = cone_reach(envelopes(task.module.region_envelope, R, p), p.mean(axis=0), thrust / lift, half_angle)
+        reach = cone_reach(envelopes(task.module.region_envelopes, R, p), p.mean(axis=0), thrust / lift, half_angle)
     return topology.n * reach / lift
 
 

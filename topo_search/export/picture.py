@@ -203,13 +203,15 @@ class Drawing:
 
     def airflow(self) -> None:
         """Draw the airflow envelope of every module: its outline, and the equator of its far ball."""
-        envelope = self.design.task.module.envelope
-        far_centres = self.poses.p - envelope.length * self.poses.z
-        radii = envelope.start_radius, envelope.end_radius
-        ends = zip(self.poses.p, far_centres, strict=True)
-        self._volumes([cone_sphere_outline(p, radii[0], end, radii[1], self.v) for p, end in ends], palette.AIRFLOW)
-        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
-        self._lines(rings, palette.AIRFLOW, 0.5)
+        for air in self.design.task.module.envelopes:
+            starts = self.poses.p + self.poses.R @ np.array(air.origin)
+            axes = self.poses.R @ np.array(air.upstream)
+            ends = list(zip(starts, starts - air.length * axes, strict=True))
+            sizes = air.start_radius, air.end_radius
+            outlines = [cone_sphere_outline(p, sizes[0], end, sizes[1], self.v) for p, end in ends]
+            self._volumes(outlines, palette.AIRFLOW)
+            rings = [circle(end, sizes[1], axis) for (_, end), axis in zip(ends, axes, strict=True)]
+            self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
         """Draw a surface of equal speed."""

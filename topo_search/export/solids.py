@@ -155,9 +155,9 @@ def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
 
 
 def airflow(module: Module, *, sides: int = SIDES) -> Mesh:
-    """Return the airflow envelope in the module frame."""
-    envelope, far = module.envelope, np.array([0.0, 0.0, -module.envelope.length])
-    return cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides)
+    """Return the airflow envelopes of a module in its frame."""
+    ends = ((np.array(air.origin), air.length * np.array(air.upstream), air) for air in module.envelopes)
+    return join([cone_sphere(o, air.start_radius, o - path, air.end_radius, sides=sides) for o, path, air in ends])
 
 
 def cylinder(radius: float, height: float, sides: int) -> Mesh:

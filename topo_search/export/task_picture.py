@@ -58,10 +58,12 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
         rod = np.outer([0.0, -0.7 * size], task.rod_axis)
         axes.plot(*rod[:, view].T, **ROD_STYLE)
     # the module to scale has the same position in all views
-    module, envelope = size * np.array([-0.75, -0.75, 0.0]), task.module.envelope
-    far = module - envelope.length * UP
-    airflow = cone_sphere_outline(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
-    axes.add_patch(Polygon(airflow[:, view], facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW))
+    module = size * np.array([-0.75, -0.75, 0.0])
+    for air in task.module.envelopes:
+        start = module + air.origin
+        far = start - air.length * np.array(air.upstream)
+        airflow = cone_sphere_outline(start, air.start_radius, far, air.end_radius, _towards_viewer(view))
+        axes.add_patch(Polygon(airflow[:, view], facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW))
     axes.plot(*module[[right, up]], "s", color=palette.MODULE, markersize=4)
     for name in ("force", "torque"):
         _arrows(axes, task, view, size, name)

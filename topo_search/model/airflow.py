@@ -14,7 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator, Field
 
-from topo_search.model.kinds import Number, Omitted, OneOf, Positive, omit_if
+from topo_search.model.kinds import Number, Omitted, OneOf, Positive, Vector, omit_if
 from topo_search.model.value import Broken, Value
 
 
@@ -78,18 +78,22 @@ class AirflowEnvelope(Value):
     """Cone-sphere of a module: union of balls centred on a segment, with linearly growing radius."""
 
     length: Number
-    """l_air: length of the axis, from the module's centre along -z [m]."""
+    """l_air: length of the axis, along -z from the module's centre if nothing else is said [m]."""
     start_radius: Positive
     """r_air: radius at the module's centre [m]."""
     growth: Number
     """dr_air: growth of the radius along the axis [m]."""
+    origin: Vector = (0.0, 0.0, 0.0)
+    """Start of the axis, from the module's centre [m]."""
+    upstream: Vector = (0.0, 0.0, 1.0)
+    """Unit vector along the axis, against the flow."""
 
     @classmethod
-    def of(cls, start_radius: float, spread_angle_deg: float, reach: float) -> AirflowEnvelope:
-        """Return the cone-sphere that ends at the distance `reach` from the module's centre; lengths in m."""
+    def of(cls, start_radius: float, spread_angle_deg: float, reach: float, **place: Vector) -> AirflowEnvelope:
+        """Return the cone-sphere that ends at the distance `reach` from its origin; lengths in m."""
         growth_rate = math.tan(math.radians(spread_angle_deg) / 2)
         length = (reach - start_radius) / (1 + growth_rate)
-        return cls(length=length, start_radius=start_radius, growth=length * growth_rate)
+        return cls(length=length, start_radius=start_radius, growth=length * growth_rate, **place)
 
     @property
     def end_radius(self) -> float:

@@ -61,6 +61,8 @@ class Pair(Value):
     segment: Index | None = None
     """Index of the straight piece of a directional requirement, or the plane of an allowed one; for
     `rotor-airflow` the rotor, or None for hub and arms."""
+    rotor: Omitted[Index] = None
+    """Rotor whose airflow it is, where each has an envelope of its own."""
     contact: Omitted[Index] = None
     """Load case whose object the solid region `b` is."""
 
@@ -68,19 +70,20 @@ class Pair(Value):
     def name(self) -> str:
         """Name of the pair, the same as the solver's name of the constraint."""
         a, b, segment, rod = f"module {self.a}", f"module {self.b}", self.segment, "the end-effector's rod"
+        of_rotor = "" if self.rotor is None else f"rotor {self.rotor} of "
         if self.kind in EXPOSURE_KINDS:
             part = "" if segment is None else f", {PART_NAMES[self.kind]} {segment}"
-            return f"exposure {self.b} ({self.kind}{part}) of {a}"
+            return f"exposure {self.b} ({self.kind}{part}) of {of_rotor}{a}"
         part = "hub and arms" if segment is None else f"rotor {segment}"
         region = solid_name(self.b, segment, self.contact)
         names: dict[str, str] = {
             "exclusion": f"end-effector exclusion of {a}",
             "rod": f"{rod} and {a}",
-            "rod-airflow": f"{rod} and airflow of {b}",
-            "rotor-airflow": f"{part} of {a} and airflow of {b}",
+            "rod-airflow": f"{rod} and airflow of {of_rotor}{b}",
+            "rotor-airflow": f"{part} of {a} and airflow of {of_rotor}{b}",
             "part-region": f"{a} and {region}",
             "rod-region": f"{rod} and {region}",
-            "bracket-airflow": f"the bracket of {a} and airflow of {b}",
+            "bracket-airflow": f"the bracket of {a} and airflow of {of_rotor}{b}",
             "bracket-rotor": f"the bracket of {a} and rotors of {b}",
         }
         return names.get(self.kind, f"{self.kind} of modules {self.a} and {self.b}")

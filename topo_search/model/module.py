@@ -129,8 +129,15 @@ class Module(Value):
 
     @property
     def start_radius(self) -> float:
-        """r_air: radius of the envelope at the module's centre, which holds all centres of rotors [m]."""
-        return self.airflow.start_radius or self.arm_length * self.rotor_table.span
+        """r_air: radius of the envelope at the module's centre, which holds all centres of rotors [m].
+
+        If each rotor has an envelope of its own, that of the largest rotor.
+        """
+        return self.airflow.start_radius or self._start()
+
+    def _start(self, beyond: float = 0.0) -> float:
+        rotors = self.rotor_table
+        return float(self.rotor_radii.max()) if rotors.has_own_jets else self.arm_length * rotors.span + beyond
 
     @property
     def reach(self) -> float:
@@ -146,6 +153,24 @@ class Module(Value):
         """Airflow envelope: l_air + r_air + dr_air = reach."""
         return AirflowEnvelope.of(self.start_radius, self.spread_deg(self.airflow.spread_angle_deg), self.reach)
 
+    @property
+    def envelopes(self) -> tuple[AirflowEnvelope, ...]:
+        """Airflow envelopes: that about the module's axis, or one about the axis of each rotor."""
+        return self._by_rotor(self.envelope, self.airflow.spread_angle_deg)
+
+    @property
+    def region_envelopes(self) -> tuple[AirflowEnvelope, ...]:
+        """Airflow envelopes that stay out of target regions; ValueError as for `region_envelope`."""
+        regions = self.airflow.regions or self.airflow
+        return self._by_rotor(self.region_envelope, regions.spread_angle_deg)
+
+    def _by_rotor(self, whole: AirflowEnvelope, spread_deg: float) -> tuple[AirflowEnvelope, ...]:
+        if not self.rotor_table.has_own_jets:
+            return (whole,)
+        sizes = whole.start_radius, spread_deg, whole.start_radius + whole.length + whole.growth
+        places = (self.arm_length * self.rotor_table.positions).tolist(), self.rotor_table.axes.tolist()
+        return tuple(AirflowEnvelope.of(*sizes, origin=o, upstream=axis) for o, axis in zip(*places, strict=True))
+
     def spread_deg(self, angle_deg: float) -> float:
         """Return the full spreading angle of an envelope that also holds the jets of tilted rotors [deg]."""
         return min(angle_deg + 2 * math.degrees(self.rotor_table.tilt), WIDEST_DEG)
@@ -156,7 +181,7 @@ class Module(Value):
         regions = self.airflow.regions
         if regions is None:
             return None
-        start = regions.start_radius or self.arm_length * self.rotor_table.span + float(self.rotor_radii.max())
+        start = regions.start_radius or self._start(float(self.rotor_radii.max()))
         return FilledAirflow(start, regions.spread_angle_deg, regions.reach or self.reach)
 
     @property

@@ -118,12 +118,13 @@ def bracket_obstacle(module: Module) -> str | None:
     """
     sizes, air = module.bracket_sizes, module.envelope
     x, r = module.connector_distance - sizes.set_back, sizes.half_width
+    is_single = not module.rotor_table.has_own_jets
     growth = air.growth / air.length  # of the radius along the axis
     slope = math.sqrt(max(0.0, 1 - growth**2))
     depth = min(air.length, r + x * growth / slope) if slope else air.length  # where the side is nearest the flange
     if x <= 0:
         return "the centre"
-    if math.hypot(x, max(0.0, depth - r)) < air.start_radius + growth * depth:
+    if is_single and math.hypot(x, max(0.0, depth - r)) < air.start_radius + growth * depth:
         return "the airflow"
     l_arm, rotors = module.arm_length, module.rotor_table
     beyond = np.maximum(x - l_arm * rotors.along_ports, 0.0)

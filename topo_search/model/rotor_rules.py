@@ -10,14 +10,12 @@ import numpy as np
 
 from topo_search.model.arrays import Array
 from topo_search.model.module import PRECISION, Module
-from topo_search.model.rotors import UP, RotorTable
+from topo_search.model.rotors import MOST_TILT_DEG, UP, RotorTable
 from topo_search.model.value import Broken, show
 
 if TYPE_CHECKING:
     from topo_search.model.task import Task
 
-MOST_TILT_DEG = 20.0
-"""Largest tilt of rotors whose jets one envelope about the module's axis encloses without its neighbours [deg]."""
 PROJECTIONS, NEAR = 200, 1e-3
 """Number of projections onto each of two discs, and distance at which they count as meeting [radius]."""
 
@@ -71,13 +69,14 @@ def _broken_air(task: Task) -> Broken:
         rule = "must be left out with rotors other than an X: the jet model was measured for that"
         limited = ((e, region.speed) for e, region in enumerate(task.exposure) if region.speed is not None)
         yield from ((("exposure", e, "speed"), f"{rule}, but got {speed:g}") for e, speed in limited)
-    if tilt_deg > MOST_TILT_DEG and task.search.interference != "separation":
+    if rotors.has_own_jets and task.search.interference != "separation":
         rule = f"axes must be within {MOST_TILT_DEG:g} deg of the module's unless search.interference is"
         yield ("module", "rotors"), f'{rule} "separation", which checks no airflow, but got {tilt_deg:.4g} deg'
-    regions = [e for e, region in enumerate(task.exposure) if region.geometry]
-    if tilt_deg > MOST_TILT_DEG and regions:
-        rule = f"keeps airflow out, which is not known for axes {MOST_TILT_DEG:g} deg or more from the module's"
-        yield ("exposure", regions[0]), f"{rule}: set geometry = false, but got {tilt_deg:.4g} deg"
+    elif rotors.has_own_jets and task.search.body_clearance:
+        rule = (
+            f"must be false for axes more than {MOST_TILT_DEG:g} deg from the module's, whose jets meet neighbours"
+        )
+        yield ("search", "body_clearance"), f"{rule}, but got {task.search.body_clearance:g}"
 
 
 def discs_meet(rotors: RotorTable, radii: Array) -> tuple[int, int] | None:

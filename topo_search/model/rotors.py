@@ -30,6 +30,8 @@ UP = read_only([0.0, 0.0, 1.0])
 SAME = 1e-9
 """Largest difference of two positions that count as one [l_arm], and of two directions."""
 
+MOST_TILT_DEG = 20.0
+"""Largest tilt of rotors whose jets one envelope about the module's axis encloses without its neighbours [deg]."""
 X_ERROR = 1e-3
 """Largest deviation of rotors from an X [l_arm], [rad]: the precision of a data sheet."""
 
@@ -131,6 +133,11 @@ class RotorTable:
     def tilt(self) -> float:
         """Largest angle of a rotor's axis with the module's [rad]."""
         return float(np.arccos(np.clip(self.axes[:, 2], -1.0, 1.0)).max())
+
+    @property
+    def has_own_jets(self) -> bool:
+        """True if each rotor has an airflow envelope of its own."""
+        return math.degrees(self.tilt) > MOST_TILT_DEG
 
     def is_same_as(self, other: RotorTable) -> bool:
         """Return whether both have the same rotors in the same order."""

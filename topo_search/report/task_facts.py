@@ -97,14 +97,19 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
 
 
 def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
-    envelope = task.module.envelope
+    envelope, rotors = task.module.envelopes[0], task.module.rotor_table
+    if tilt := math.degrees(rotors.tilt):
+        whose = "each rotor has its own, along its axis" if rotors.has_own_jets else "one for all"
+        yield "envelopes of a module", f"axes of rotors are up to {figures(tilt, 3)}° from the module's: {whose}"
     yield "radius at the module", f"{figures(envelope.start_radius)} m"
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of the axis", f"{figures(envelope.length)} m"
-    spread = task.module.spread_deg(task.module.airflow.spread_angle_deg)
+    airflow, module = task.module.airflow, task.module
+    spread = airflow.spread_angle_deg if rotors.has_own_jets else module.spread_deg(airflow.spread_angle_deg)
     yield "full spreading angle", f"{figures(spread)}°"
     if task.exposure and (regions := task.module.region_airflow) is not None:
-        angle = figures(task.module.spread_deg(regions.spread_angle_deg))
+        own, of_all = regions.spread_angle_deg, module.spread_deg(regions.spread_angle_deg)
+        angle = figures(own if rotors.has_own_jets else of_all)
         sizes = f"{length(regions.start_radius)} at the module, full angle {angle}°"
         yield "envelope against regions", f"{sizes}, ending {length(regions.reach)} below"
 

@@ -206,7 +206,7 @@ def _times(value: Any, factor: float) -> Any:
 
 def _planes(task: Task, n: int) -> Iterator[Relaxable]:
     """Yield the room of airflow between planes, which move outwards, but for walls that the tip touches."""
-    whole = task.module.region_envelope.length
+    whole = task.module.region_envelopes[0].length
     for e, exposure in enumerate(task.exposure):
         movable = tuple(k for k, plane in enumerate(_planes_of(task, e)) if plane.offset or not exposure.solid)
         if movable:
