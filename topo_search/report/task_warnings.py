@@ -88,7 +88,7 @@ def _module_size(module: Module) -> Doubts:
 
 USUAL = {
     "module.connector_distance": (0.2, 5.0),
-    "module.body.rotor_radius": (0.15, 1.0),
+    **dict.fromkeys(("module.body.rotor_radius", "module.rotors.radius"), (0.15, 1.0)),
     "module.body.hub": (0.005, 4.0),
     "module.bracket.bolt_circle": (0.02, 1.0),
     "module.bracket.bolt_diameter": (0.004, 0.5),
