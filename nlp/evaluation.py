@@ -138,10 +138,12 @@ def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBo
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
     u_max = point.task.max_input
     columns, wrenches = np.ascontiguousarray((A * u_max / units[:, None]).T), b / units
-    smallest = np.empty_like(u)
+    smallest, shares = np.empty_like(u), np.tile(point.task.module.input_shares(point.task.gravity), point.task.n)
+    least, is_uniform = point.task.min_input / u_max, bool(np.all(shares == 1))
+    low, high = (least, 1.0) if is_uniform else (least * shares, shares)
     for k, w in enumerate(wrenches):
-        low, high = (limit[k] / u_max for limit in bounds)
-        dual(columns, w, CORRECTION.stiffness, low, high, np.zeros(6), smallest[k])
+        produced = columns * (bounds[1][k] > 0)[:, None]  # without dead rotors
+        dual(produced, w, CORRECTION.stiffness, low, high, np.zeros(6), smallest[k])
     smallest = _balance(A, b, np.clip(smallest * u_max, *bounds), bounds)
     residuals, residuals_before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (smallest, u))
     balanced, cheaper = residuals <= WRENCH_TOLERANCE / 10, np.sum(smallest**2, axis=1) < np.sum(u**2, axis=1)

@@ -59,10 +59,10 @@ class Rotors(NamedTuple):
     """Force of each rotor at unit input in its module's frame, shape (r, 3)."""
     torques: Array
     """Torque of each rotor about its module's centre at unit input, shape (r, 3)."""
-    u_min: Array
-    """Smallest inputs of all rotors, shape (r n,)."""
-    u_max: Array
-    """Largest inputs."""
+    u_min: float | Array
+    """Smallest input of every rotor, or of each, shape (r n,)."""
+    u_max: float | Array
+    """Largest input."""
 
 
 class Cases(NamedTuple):
@@ -154,7 +154,8 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return a task and a topology as arrays."""
     n, unit, module = topology.n, Units.of(task), task.module
     carried, fixed = masses(module, task.end_effector, topology), task.end_effector.fixed_position
-    shares = np.tile(module.input_shares(task.gravity), n)
+    own = module.input_shares(task.gravity)
+    shares: float | Array = 1.0 if np.all(own == 1) else np.tile(own, n)  # a number is faster
     rotors = Rotors(
         module.connector_distance / unit.length,
         carried.tip,

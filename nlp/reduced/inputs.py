@@ -20,9 +20,12 @@ with an exact line search terminates after finitely many steps.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
@@ -43,6 +46,22 @@ class DualAscent(NamedTuple):
 
 
 ASCENT = DualAscent()
+
+
+Limit = float | Array
+"""Limit of the input of every rotor, or of each, shape (r n,)."""
+
+
+def limit(of_all: Limit, r: int) -> float:
+    """Return the limit of rotor r; compiled functions read no array where all rotors have the same."""
+    return float(of_all if isinstance(of_all, float) else of_all[r])
+
+
+@overload(limit, strict=False)
+def _compile_limit(of_all: Any, r: Any) -> Callable[[Any, Any], Any]:
+    if isinstance(of_all, types.Array):
+        return lambda of_all, r: of_all[r]
+    return lambda of_all, r: of_all
 
 
 @njit(cache=True, inner=True)
@@ -205,7 +224,7 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
     column = np.empty(6)
     for a in range(6):
         column[a], A[dead, a] = A[dead, a], 0.0
-    idle: float = u_min[dead]
+    idle = limit(u_min, dead)
     value = dual(A, w, price, u_min, u_max, mu, u) - idle * idle / 2  # without the cost of the dead rotor
     for a in range(6):
         A[dead, a] = column[a]
@@ -229,7 +248,7 @@ def rotor_wrenches(problem: ReducedProblem, pose: ReducedPlatform) -> Array:
 
 
 @njit(cache=True)
-def dual(A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, u: Array) -> float:
+def dual(A: Array, w: Array, rho: float, u_min: Limit, u_max: Limit, mu: Array, u: Array) -> float:
     """Return phi / c, with rho' as `rho`; set mu to the maximum of the dual and u to the inputs there."""
     rotors = len(A)
     v, slope = np.empty(rotors), np.empty(rotors)
@@ -248,11 +267,11 @@ def dual(A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, 
             for a in range(6):
                 s += A[r, a] * mu[a]
             v[r] = s
-            u[r] = min(max(s, u_min[r]), u_max[r])
+            u[r] = min(max(s, limit(u_min, r)), limit(u_max, r))
             if u[r] > 0.0:
                 for a in range(6):
                     g[a] -= A[r, a] * u[r]
-            if u_min[r] < s < u_max[r]:
+            if limit(u_min, r) < s < limit(u_max, r):
                 for a in range(6):
                     for b in range(a + 1):
                         H[a, b] += A[r, a] * A[r, b]
@@ -277,7 +296,7 @@ def dual(A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, 
 
 @njit(cache=True, inner=True, allocates=False)
 def _line_search(
-    A: Array, w: Array, rho: float, u_min: Array, u_max: Array, mu: Array, d: Array, v: Array, slope: Array
+    A: Array, w: Array, rho: float, u_min: Limit, u_max: Limit, mu: Array, d: Array, v: Array, slope: Array
 ) -> float:
     """Return the step size along d that maximises the concave dual: the root of its piecewise linear slope.
 
@@ -297,8 +316,8 @@ def _line_search(
         value, change = first - t * second, second
         for r in range(len(A)):
             input_at = v[r] + t * slope[r]
-            value -= slope[r] * min(max(input_at, u_min[r]), u_max[r])
-            change += slope[r] * slope[r] if u_min[r] < input_at < u_max[r] else 0.0
+            value -= slope[r] * min(max(input_at, limit(u_min, r)), limit(u_max, r))
+            change += slope[r] * slope[r] if limit(u_min, r) < input_at < limit(u_max, r) else 0.0
         step = value / change
         if abs(step) <= 1e-13 * (1.0 + t):
             return t

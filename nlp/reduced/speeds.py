@@ -46,7 +46,7 @@ from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
-from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, rotor_wrenches
+from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, limit, rotor_wrenches
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
@@ -134,7 +134,7 @@ def _speed_rows(
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
     for k in range(cases):
         for j in range(r * n):
-            free[j] = rotors.u_min[j] < u[k, j] < rotors.u_max[j]
+            free[j] = limit(rotors.u_min, j) < u[k, j] < limit(rotors.u_max, j)
         factored = False
         for point in range(points):
             row_number, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
