@@ -26,6 +26,7 @@ from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import to_toml, validate
 from topo_search.model.rotors import x_quadrotor
 from topo_search.model.task import Task
+from topo_search.model.task_file import read_task
 from topo_search.model.vehicle import read_vehicle
 from topo_search.simulation.plant import nominal
 from topo_search.topologies import Symmetry, candidates, count, exact_group, resolve_symmetry
@@ -364,6 +365,14 @@ def test_what_no_module_can_have_is_refused_with_field_rule_and_value(name: str)
         validate(Task, data, "t.toml")
     assert [fault.path for fault in caught.value.faults] == [field]
     assert words in caught.value.faults[0].rule
+
+
+def test_a_rotor_better_than_ideal_is_refused_with_its_number(tmp_path: Path) -> None:
+    rotors = [*X[:3], {**X[3], "torque_coefficient": 1e-9}]
+    data = {"name": "t", "modules": 2, "module": {"rotors": rotors}, "load_cases": [{"carries_weight": True}]}
+    (file := tmp_path / "t.toml").write_text(to_toml(validate(Task, data, "t")))
+    with pytest.raises(BadInput, match=r"module\.rotors\[3\]\.torque_coefficient: must give a figure of merit"):
+        read_task(file)
 
 
 def test_any_connectors_need_a_module_that_half_a_turn_leaves_as_it_is() -> None:

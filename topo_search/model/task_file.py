@@ -51,6 +51,11 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
         rule = f"must give a figure of merit of at most 1, but got {merit:.3g}"
         radius = task.module.body.rotor_radius
         raise BadInput(name, [Fault(f"module.{field}", f"{rule}: no rotor of {radius:g} m radius {cause}")])
+    rotors = task.module.rotor_table
+    merits = merit * rotors.gains**1.5 / (abs(rotors.drags) * rotors.sizes)
+    if merits[q := int(merits.argmax())] > 1:
+        rule = f"must give a figure of merit of at most 1, but got {merits[q]:.3g}"
+        raise BadInput(name, [Fault(f"module.rotors[{q}].torque_coefficient", rule)])
     return task
 
 

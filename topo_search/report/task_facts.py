@@ -101,7 +101,7 @@ def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     if tilt := math.degrees(rotors.tilt):
         whose = "each rotor has its own, along its axis" if rotors.has_own_jets else "one for all"
         yield "envelopes of a module", f"axes of rotors are up to {figures(tilt, 3)}° from the module's: {whose}"
-    yield "radius at the module", f"{figures(envelope.start_radius)} m"
+    yield f"radius at the {'rotor' if rotors.has_own_jets else 'module'}", f"{figures(envelope.start_radius)} m"
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of the axis", f"{figures(envelope.length)} m"
     airflow, module = task.module.airflow, task.module
