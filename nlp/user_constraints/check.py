@@ -49,16 +49,8 @@ def check_user_constraints(
         centres: o_i from the centre of mass, shape (n, 3) [m].
         end_effector: p_E from the centre of mass, shape (3,) [m].
     """
-    platform = platform_of(
-        design.task,
-        design.topology,
-        design.mount,
-        orientations=orientations,
-        centres=centres,
-        end_effector=end_effector,
-        hinge_angles=design.hinge_angles_rad,
-        inputs=design.rotor_speeds_squared,
-    )
+    tree, pose = (design.task, design.topology, design.mount), (end_effector, centres, orientations)
+    platform = platform_of(tree, pose, design.hinge_angles_rad, design.rotor_speeds_squared)
     return tuple(_check(constraint, platform) for constraint in constraints)
 
 
@@ -222,13 +214,5 @@ class _Numbering:
         for (h, i, a, _), kappa in zip(self.topology.edges(), self.topology.kappas[1:], strict=True):
             H = self.R[h].T @ self.R[i] @ rotation([0, 0, 1], -kappa * np.pi / 2)
             alpha.append(float(np.arctan2(H[0, 2] if a % 2 == 0 else H[2, 1], H[2, 2])))
-        return platform_of(
-            self.task,
-            self.topology,
-            None,
-            orientations=self.R,
-            centres=self.o,
-            end_effector=self.p_E,
-            hinge_angles=alpha,
-            inputs=[self.u.ravel()] * len(self.task.load_cases),
-        )
+        tree, inputs = (self.task, self.topology, None), [self.u.ravel()] * len(self.task.load_cases)
+        return platform_of(tree, (self.p_E, self.o, self.R), alpha, inputs)

@@ -73,25 +73,16 @@ def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variabl
 
 
 def platform_of(
-    task: ResolvedTask,
-    topology: Topology,
-    mount: Mount | None,
-    *,
-    orientations: Array,
-    centres: Array,
-    end_effector: Array,
-    hinge_angles: Sequence[float],
-    inputs: Sequence[Any],
+    tree: tuple[ResolvedTask, Topology, Mount | None], pose: tuple[Array, Array, Array], alpha: Any, inputs: Any
 ) -> SymbolicPlatform:
-    """Return a numerical platform as user constraints take it; shapes as in `check_user_constraints`."""
+    """Return a numerical platform as user constraints take it, of (p_E, o, R); see `check_user_constraints`."""
+    end_effector, centres, orientations = pose
     return _platform(
-        task,
-        topology,
-        mount,
+        *tree,
         centres=tuple(ca.SX(ca.DM(o)) for o in centres),
         orientations=tuple(ca.SX(ca.DM(R)) for R in orientations),
         end_effector=ca.SX(ca.DM(end_effector)),
-        hinge_angles=ca.SX(ca.DM(list(hinge_angles)).reshape((topology.n - 1, 1))),
+        hinge_angles=ca.SX(ca.DM(list(alpha)).reshape((tree[1].n - 1, 1))),
         inputs=tuple(ca.SX(ca.DM(list(u_k))) for u_k in inputs),
     )
 

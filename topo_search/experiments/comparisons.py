@@ -34,15 +34,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PROBLEM = ["task", "distance_m", "n"]
+Tasks = tuple[tuple[str, tuple[int, ...]], ...]
+"""Shipped examples with their numbers of modules."""
 
 
-def comparison(
-    name: str,
-    question: str,
-    tasks: tuple[tuple[str, tuple[int, ...]], ...],
-    variants: tuple[Variant, ...],
-    title: str,
-) -> Study:
+def comparison(name: str, question: str, title: str, tasks: Tasks, variants: tuple[Variant, ...]) -> Study:
     """Return the study that solves every tree under all variants; the first variant is the reference."""
     names = [variant.name for variant in variants]
     return Study(
@@ -133,43 +129,41 @@ def tree_of(key: str) -> str:
     return candidate_of(Topology.from_key(key)).key
 
 
+INSIDE = "end_effector.exclusion=false"
+AT_COM = 'end_effector.position="com"'
 COMPARISONS = (
     comparison(
-        name="placement",
-        question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
-        tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
-        variants=(
-            Variant("free"),
-            Variant("com", ('end_effector.position="com"',)),
-            Variant("com, inside allowed", ('end_effector.position="com"', "end_effector.exclusion=false")),
-        ),
-        title="What an end-effector at the centre of mass costs: each point a tree, compared with itself",
+        "placement",
+        "What does an end-effector at the centre of mass cost, compared with an optimised position?",
+        "What an end-effector at the centre of mass costs: each point a tree, compared with itself",
+        (("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
+        (Variant("free"), Variant("com", (AT_COM,)), Variant("com, inside allowed", (AT_COM, INSIDE))),
     ),
     comparison(
-        name="body",
-        question="What does it cost to keep frames apart?",
-        tasks=(
-            *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
+        "body",
+        "What does it cost to keep frames apart?",
+        "What body clearance costs: each point a tree, compared with itself",
+        (
+            *((f"push{kind}", (5,)) for kind in ("", "-local", "-directional", "-exterior-60")),
             ("ten-wrenches", (10, 20)),
         ),
-        variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
-        title="What body clearance costs: each point a tree, compared with itself",
+        (Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
     ),
     comparison(
-        name="hinges",
-        question="What do hinge angles from a set cost, compared with any angles?",
-        tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
-        variants=(
+        "hinges",
+        "What do hinge angles from a set cost, compared with any angles?",
+        "What hinge angles from a set cost: each point a tree, compared with itself",
+        tuple((task, (3, 4, 5, 6)) for task in ("push", "push-local", "wall-push")),
+        (
             Variant("free"),
             *(Variant(f"{step} deg", (f"search.hinge_step_deg={step}",)) for step in (5, 10, 15, 30, 45)),
         ),
-        title="What hinge angles from a set cost: each point a tree, compared with itself",
     ),
     comparison(
-        name="root",
-        question="What does the paper's root cost, compared with one that turns freely?",
-        tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))),
-        variants=(Variant("free root"), Variant("paper root", ('search.root="paper"',), every_root=True)),
-        title="What the paper's root costs: each point a tree, its best root compared with a free one",
+        "root",
+        "What does the paper's root cost, compared with one that turns freely?",
+        "What the paper's root costs: each point a tree, its best root compared with a free one",
+        (("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))),
+        (Variant("free root"), Variant("paper root", ('search.root="paper"',), every_root=True)),
     ),
 )

@@ -54,8 +54,8 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "user_task": task,
         "design": design,
         "audit": audit,
-        "reproduction": _reproduction(design, audit, file),
         "simulated": simulated,
+        "reproduction": _reproduction(design, audit, file),
     }
 
 

@@ -151,6 +151,11 @@ def fly_all(
     outcome: Outcome = min(outcomes, key=get_args(Outcome).index, default="not flown")
     rod_mass = model.mass - design.task.total_mass(design.topology.n)
     losses = (describe_losses(model, wakes),) if any(wakes) else ()
+    errors, wake_loss = options.errors, hover_losses(model, wakes)[1]
+    settings = {"seed": errors.seed, "noise": errors.noise, "model_error": errors.model, "motor_lag_s": options.lag}
+    settings |= {"detection_time_s": options.detection, "wake_loss_share": wake_loss}
+    settings["position_bandwidth_rad_s"] = Controller.omega_p
+    settings["attitude_bandwidth_rad_s"] = Controller.omega_a
     downwash_note = (
         "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air "
         "model); against all others it relies on the airflow envelopes of the audit."
@@ -169,16 +174,7 @@ def fly_all(
             rotors=model.B.shape[1],
             mass_kg=model.mass,
             rod_mass_kg=rod_mass,
-            options={
-                "seed": options.errors.seed,
-                "noise": options.errors.noise,
-                "model_error": options.errors.model,
-                "motor_lag_s": options.lag,
-                "detection_time_s": options.detection,
-                "wake_loss_share": hover_losses(model, wakes)[1],
-                "position_bandwidth_rad_s": Controller.omega_p,
-                "attitude_bandwidth_rad_s": Controller.omega_a,
-            },
+            options=settings,
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
             notes=(downwash_note if options.wake else NO_DOWNWASH, *losses),
         ),
