@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,9 +22,10 @@ from topo_search.engine import Candidates, Job, Proposal
 from topo_search.engine.randomized import FEWEST_OPEN, RandomizedSearch
 from topo_search.engine.strategy import WAIT, Tried
 from topo_search.export.allocation import allocation
-from topo_search.model import BadInput, Topology
+from topo_search.model import BadInput, Design, Status, Topology
 from topo_search.model.corners import to_corners
-from topo_search.model.maximized import BALL, measure, ring, task_at, unit_of
+from topo_search.model.files import read_json
+from topo_search.model.maximized import BALL, growing_cases, measure, ring, task_at, unit_of
 from topo_search.model.vehicle import read_vehicle
 from verify import audit, case_reserves
 from verify.flight.vehicle import capability
@@ -243,6 +246,36 @@ def test_a_climb_that_ends_below_what_was_asked_is_told_as_it_is(answer, monkeyp
     seen = design.model_copy(update={"task": task_at(design.task, 1.3 * design.value)})
     found = MostCapable(job, lambda _: seen, lambda *_: [], audit).best()
     assert found.value == pytest.approx(design.value, rel=1e-9)
+
+
+def test_smaller_loads_are_audited_where_air_is_limited():
+    """A design whose air is too fast with five eighths of its load is told as such."""
+    design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
+    told, speed = [], {"exposure": [e.replace(speed=9.0) for e in design.task.exposure]}
+    task = design.task.model_copy(update=speed).with_fields("search", maximize="load")
+    found = MostCapable(Job(task, design.topology, range(1), 0), None, None, lambda d: told.append(d) or seen(d))
+    count = len(growing_cases(task))
+    assert count > 0
+    u = design.inputs
+    both = np.concatenate([u, 0.5 * u[growing_cases(task)]])
+    held = task_at(task, 2.0)
+
+    def seen(d):
+        at = d.task.search.reached
+        return SimpleNamespace(verdict=Status.VIOLATED if at == 1.25 else Status.CLEAR)
+
+    flat = tuple(map(tuple, both.reshape(len(both), -1).tolist()))
+    whole = design.model_copy(update={"task": held, "rotor_speeds_squared": flat})
+    assert found._audit(whole).verdict is Status.VIOLATED
+    assert [d.task.search.reached for d in told] == [2.0, 0.25, 0.5, 0.75, 1.0, 1.25]
+    k = growing_cases(task)[0]
+    np.testing.assert_allclose(told[4].inputs[k], 0.5 * (both[k] + both[len(u)]))
+    efforts = (told[4].inputs ** 2).sum(axis=(1, 2))
+    assert told[4].objective == pytest.approx(efforts @ [case.weight for case in held.load_cases])
+    bare = whole.model_copy(update={"task": held.model_copy(update={"exposure": design.task.exposure})})
+    told.clear()
+    found._audit(bare)
+    assert len(told) == 1
 
 
 def test_only_the_default_of_the_maximised_field_is_dropped():

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import verify
 from topo_search.engine import Job
 from topo_search.engine.workers import AuditDesign
-from topo_search.model import Design, Infeasible, ResolvedTask, Status
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Status
 from topo_search.model.kinds import Vector
-from topo_search.model.maximized import RESERVES, measure, sample_directions, step_of, task_at
+from topo_search.model.maximized import RESERVES, growing_cases, measure, sample_directions, step_of, task_at
 from topo_search.own_constraint import OwnConstraint
 from topo_search.study.request import Margins
 
@@ -31,6 +31,8 @@ class Maximizing(NamedTuple):
     """Largest number of times that all starts are asked for a larger value."""
     rounds: int = 10
     """Largest number of rounds of a climb, each with the directions that the one before violates."""
+    shares: tuple[float, ...] = (0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
+    """Shares of a load or payload at which air speeds are audited too."""
 
 
 MAXIMIZING = Maximizing()
@@ -109,9 +111,34 @@ class MostCapable:
     def _clear(self, design: Design) -> Design:
         """Return a design of almost the same value with a clear audit; if margins do not help, one without."""
         design = self._settle(design)
-        while (audit := self.audit(design)).verdict is not Status.CLEAR and self.margins.raise_after(audit):
+        while (audit := self._audit(design)).verdict is not Status.CLEAR and self.margins.raise_after(audit):
             design = self._settle(self._climb(design))
         return design
+
+    def _audit(self, design: Design) -> Audit:
+        """Return the audit of a design, or the first that is not clear with a smaller load or payload.
+
+        Between 0 and a value that is clear, only air speeds can break a limit: all else is linear in it.
+        """
+        growing, audit = growing_cases(self.margins.task), self.audit(design)
+        limited = growing and any(exposure.speed is not None for exposure in design.task.exposure)
+        for share in MAXIMIZING.shares if limited else ():
+            if audit.verdict is Status.CLEAR:
+                audit = self.audit(self._smaller(design, share, growing))
+        return audit
+
+    def _smaller(self, design: Design, share: float, growing: Sequence[int]) -> Design:
+        """Return a design with a share of its load or payload, by inputs between those with and without it."""
+        inputs, rod = design.inputs.copy(), design.task.end_effector.counted_rod
+        bare = inputs[-len(growing) :]
+        inputs[growing] = bare + share * (inputs[growing] - bare)
+        weights = [case.weight for case in design.task.load_cases]
+        smaller = {
+            "task": task_at(self.margins.task.with_rod(rod), share * _value(design)),
+            "rotor_speeds_squared": tuple(map(tuple, inputs.reshape(len(weights), -1).tolist())),
+            "objective": sum(w * float((u**2).sum()) for w, u in zip(weights, inputs, strict=True)),
+        }
+        return design.model_copy(update=smaller)
 
     def _settle(self, best: Design) -> Design:
         """Return the design of least effort near one, with almost its value and the rod of the task."""

@@ -167,22 +167,30 @@ def _torque_reserve(task: ResolvedTask, value: float) -> ResolvedTask:
     return task.with_fields("flight", torque_reserve=value)
 
 
+def growing_cases(task: ResolvedTask) -> list[int]:
+    """Return the numbers of the load cases whose wrenches grow with s; T(s) ends with those at 0, in that order."""
+    if task.search.maximize == "load":
+        return [number for number, case in enumerate(task.load_cases) if _is_loaded(case)]
+    carry = weight_cases(task, "all")[1:] if task.search.maximize == "payload" else ()
+    return [number - 1 for number, _, _ in carry]
+
+
 def _load(task: ResolvedTask, value: float) -> ResolvedTask:
     cases = (case.scale_tool(value) for case in task.load_cases)
-    bare = (_without_load(task, number) for number, case in enumerate(task.load_cases) if _is_loaded(case))
+    bare = (_without_load(task, number) for number in growing_cases(task))
     return task.model_copy(update={"load_cases": (*cases, *bare)})
 
 
 def _payload(task: ResolvedTask, value: float) -> ResolvedTask:
     cases, bare = list(task.load_cases), list[LoadCase]()
-    for number, _, _ in weight_cases(task, "all")[1:]:
-        case = task.load_cases[number - 1]
+    for number in growing_cases(task):
+        case = task.load_cases[number]
         wrenches = [_carry(wrench, value * task.gravity) for wrench in (case.at_end_effector, *case.vertices)]
         if case.cone is not None:  # its corners, as a cone has no weight
             wrenches += [_carry(corner.at_end_effector, value * task.gravity) for corner in case.corners]
         changes = {"end_effector": wrenches[0], "vertices": tuple(wrenches[1:]), "cone": None}
-        cases[number - 1] = case.model_copy(update=changes)
-        bare.append(_without_load(task, number - 1))
+        cases[number] = case.model_copy(update=changes)
+        bare.append(_without_load(task, number))
     return task.model_copy(update={"load_cases": (*cases, *bare)})
 
 
