@@ -257,7 +257,9 @@ def test_forty_pictures_are_shown_and_each_is_described_in_words():
 # ---- Examples in docstrings run and print what they say; each function of the reference has one.
 
 MODULES = (
+    "topo_search.compose.asking",
     "topo_search.compose.designs",
+    "topo_search.compose.drawer",
     "topo_search.compose.searching",
     "topo_search.export.audits",
     "topo_search.export.formats",

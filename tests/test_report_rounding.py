@@ -17,8 +17,8 @@ from toy_problem import toy_row
 from nlp import prove_impossible
 from topo_search import compose
 from topo_search.cli.tables import _front, _rows, audit_lines
-from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
+from topo_search.compose.asking import expectations
 from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import summary_lines
 from topo_search.model import CaseFlight, Clearance, Limit, ShorterRod, Topology
@@ -177,7 +177,7 @@ def test_efforts_and_gaps(capsys, monkeypatch):
             "lower_bound": x,
             "defaults_share": None,
         }
-        check([words for _, words in _expectations([size])], least=x)
+        check([words for _, words in expectations([size])], least=x)
         row = toy_row("a300", objective=x, gap=0.1)
         print(*_rows((row,), LEAST_EFFORT), sep="\n")
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)

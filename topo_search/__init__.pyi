@@ -1,9 +1,13 @@
 """Public names of topo_search and the modules that define them."""
 
 from topo_search.compose import (
+    airflow,
     audit,
+    capability,
+    check,
     compare,
     figure,
+    fly,
     plot_platform,
     prove,
     read_design,
@@ -11,6 +15,7 @@ from topo_search.compose import (
     solve,
     write_report,
 )
+from topo_search.compose.drawer import kit
 from topo_search.engine import WorkersLost
 from topo_search.engine.own_sampler import OwnSampler, TopologySampler
 from topo_search.engine.strategy import Candidates, Tried
@@ -62,7 +67,8 @@ __all__ = [
     "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
     "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
-    "audit", "clearances", "compare", "export_design", "figure", "plot_candidates", "plot_front", "plot_history",
-    "plot_platform", "prove", "read_answer", "read_design", "read_json", "read_task", "register_format",
-    "residuals", "search", "solve", "to_json", "to_toml", "write_report",
+    "airflow", "audit", "capability", "check", "clearances", "compare", "export_design", "figure", "fly", "kit",
+    "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove", "read_answer", "read_design",
+    "read_json", "read_task", "register_format", "residuals", "search", "solve", "to_json", "to_toml",
+    "write_report",
 ]  # fmt: skip

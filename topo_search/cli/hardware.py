@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,9 +11,6 @@ import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, note
 from topo_search.limits import LIMITS
-
-if TYPE_CHECKING:
-    from topo_search.model.air import EnvelopeAir
 
 
 @command(epilog="Example: topo-search capability kit/rotors.csv")
@@ -41,13 +36,10 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     from topo_search.model.files import write_atomically
     from topo_search.model.proven import lower_text
     from topo_search.model.vehicle import read_vehicle
-    from verify.flight.vehicle import capability as capability_of
 
     options.require_writable(page)
     loaded = read_vehicle(vehicle)
-    result = capability_of(loaded, None if judge is None else ts.read_task(judge))
-    if result is None:
-        raise ts.BadInput(vehicle, "must have wrenches to compute with, but its mass or dimensions are too large")
+    result = ts.capability(vehicle, judge)
     if page is not None:
         from topo_search.report.design_page import vehicle_page
 
@@ -89,58 +81,10 @@ def airflow(task: str | None, speed: float, at: str) -> None:
 
     Exit status: 0 done; 2 bad input, or no air is that fast.
     """
-    from topo_search.compose.binding import enclose_speed, envelope_of_speed
-    from topo_search.model.module import AIR_DENSITY
-    from topo_search.model.proven import lower_text, upper_text
-    from verify.air.envelope import envelope_air
-
-    module, density, gravity = ts.Module(), AIR_DENSITY, ts.Task.model_fields["gravity"].default
-    if task is not None:
-        named = enclose_speed(ts.read_task(task))
-        module, density, gravity = named.module, named.air_density, named.gravity
-        if not module.rotor_table.is_x:
-            rule = "must be an X for air speeds: the jet model was measured for that"
-            raise ts.BadInput(task, [ts.Fault("module.rotors", rule)])
-    ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
-    thrust = ratio * module.mass * gravity
-    thrust_text = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
-    smallest = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
-    present = envelope_air(module, density, thrust)
-    inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
-    volume, bound = upper_text(smallest.volume_m3, 4), lower_text(smallest.least_volume_m3, 4)
-    lines = [
-        f"at {thrust_text}, all air of {speed:g} m/s and more is inside",
-        f"  start_radius = {upper_text(smallest.start_radius_m, 5)}",
-        f"  spread_angle_deg = {upper_text(smallest.spread_angle_deg, 5)}",
-        f"  reach = {upper_text(smallest.reach_m, 5)}",
-        f"a volume of {volume} m³; none is below {bound} m³",
-        "largest speeds on the present envelope",
-        *(f"  {name:14} {words}" for name, words in speeds_on(present)),
-    ]
-    options.echo_answer({**inputs, **smallest.model_dump(mode="json"), **present.model_dump(mode="json")}, lines)
-
-
-def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
-    """Yield the largest air speeds on the envelope of one module, each with its location."""
-    from topo_search.model.proven import upper_text
-
-    yield "side", f"{upper_text(envelope.side_m_s, 3)} m/s"
-    if envelope.side_merged_m_s is not None:
-        yield "side, merged", f"{upper_text(envelope.side_merged_m_s, 3)} m/s"
-    yield "far end", f"{upper_text(envelope.end_m_s, 3)} m/s"
-    yield "rotor plane", f"{upper_text(envelope.rotor_plane_m_s, 3)} m/s, outside it"
-
-
-def _thrust_to_weight(at: str, largest: float) -> float:
-    """Return the thrust over the weight that `--at` names."""
-    try:
-        ratio = {"hover": 1.0, "full": largest}.get(at) or float(at)
-    except ValueError:
-        ratio = math.nan
-    if not 0 < ratio <= largest:
-        rule = f'must be "hover", "full" or a thrust over the weight, above 0 and at most {largest:g}'
-        raise click.BadParameter(f"{rule}, but got {at}", param_hint="'--at'")
-    return ratio
+    air = ts.airflow(task, speed=speed, at=at)
+    inputs = {"speed_m_s": speed, "thrust_to_weight": air.thrust_to_weight, "thrust_N": air.thrust_N}
+    value = {**inputs, **air.smallest.model_dump(mode="json"), **air.present.model_dump(mode="json")}
+    options.echo_answer(value, [str(air)])
 
 
 @command(epilog="Example: topo-search kit push wall-push --out kit", resumes=True)

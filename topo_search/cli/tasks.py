@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import re
-import textwrap
-from bisect import bisect_left
-from collections.abc import Iterable, Iterator
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
@@ -16,7 +13,6 @@ import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command
 from topo_search.limits import LIMITS
-from topo_search.report.wording import figures, quantity
 
 
 @command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
@@ -63,8 +59,6 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool
 
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
-    from topo_search.report.task_warnings import UNIT_IN_DOUBT, task_warnings
-
     user_task = options.task_of(task, settings, paper=paper, modules=modules)
     if picture is not None:
         options.require_drawable(picture)
@@ -72,92 +66,12 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool
         from topo_search.export.task_picture import task_figure
 
         save(task_figure(user_task.resolve(user_task.sizes[0])), picture)
-    sizes = [_size(user_task, n) for n in user_task.sizes]
-    warnings = task_warnings(user_task)
-    plausible = not any(one.path.startswith("module.") and UNIT_IN_DOUBT in one.words for one in warnings)
+    checked = ts.check(user_task)
     first = user_task.resolve(user_task.sizes[0]).model_dump(mode="json")
-    value = {"task": first, "sizes": sizes, "warnings": [warning._asdict() for warning in warnings]}
-    searches = [("search, and a bound on control effort if every wrench is met exactly", _expectations(sizes))]
-    groups = chain(
-        [("warnings", warnings)] * bool(warnings), _requirements(user_task, plausible=plausible), searches
-    )
-    lines = (line for title, rows in groups for line in _group(title, rows))
+    warnings = [warning._asdict() for warning in checked.warnings]
+    value = {"task": first, "sizes": checked.sizes, "warnings": warnings}
     picture_line = [] if picture is None else [f"\nthe picture is in {picture}"]
-    options.echo_answer(value, chain([user_task.name], lines, picture_line))
-
-
-def _requirements(task: ts.Task, *, plausible: bool) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
-    """Yield the requirements of a task in groups, with the unit of weight for every number of modules.
-
-    The air of a module without plausible sizes is left out: it takes long and means nothing.
-    """
-    from topo_search.report.task_facts import facts, goals, load_cases
-
-    first, *larger = (task.resolve(n) for n in task.sizes)
-    yield from facts(first, *larger)
-    if plausible and any(exposure.geometry for exposure in first.exposure):
-        from topo_search.cli.hardware import speeds_on
-        from verify.air.envelope import envelope_air
-
-        hover = first.module.mass * first.gravity
-        speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
-        yield "air of one module in hover, on its envelope for regions: at most", speeds
-    if free := [f"exposure[{k}].speed" for k, exposure in enumerate(task.exposure) if exposure.speed is None]:
-        yield "air speed over regions", [("not limited", f"by envelopes; to limit it, state {', '.join(free)}")]
-    if task.goals.names:
-        yield goals(task)
-    size = f" of {quantity(first.n, 'module')}" if larger else ""
-    cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
-    yield f"load cases{size}, each the total wrench of the rotors", cases
-
-
-def _expectations(sizes: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Yield the figures of `_size` in words."""
-    from topo_search.model.proven import at_least
-
-    yield from (("trees", quotient) for quotient in dict.fromkeys(size["quotient"] for size in sizes))
-    for size in sizes:
-        bound = f"J at least {figures(at_least(size['lower_bound'], 3))} rad⁴/s⁴, whatever the topology"
-        effort = f"impossible: {size['impossible']}" if size["impossible"] else bound
-        if (share := size["defaults_share"]) is not None:
-            held = (
-                f"{100 * share:.0f} % of the side force, tilt and acceleration that flying tasks ask for by default"
-            )
-            effort += f"; {held} are not excluded; if no size holds them, the answer is fragile"
-        yield quantity(size["modules"], "module"), f"{quantity(size['candidates'], 'candidate')}; {effort}"
-
-
-def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:
-    """Yield the lines of named values below their title, wrapped."""
-    yield f"\n{title}"
-    for name, value in rows:
-        first, rest = f"  {name:38} ", " " * 41
-        yield from textwrap.wrap(value, 120, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
-
-
-def _size(task: ts.Task, n: int) -> dict[str, Any]:
-    """Return the number of candidates and the bound on effort for n modules; nothing is solved."""
-    from nlp import lower_bound, prove_impossible
-    from topo_search.model.flying import scaled_defaults
-    from topo_search.study import Request
-    from topo_search.study.answer import quotient_remark
-
-    request, resolved = Request(task, "task", starts=1, seed=0), task.resolve(n)
-    proof, share = prove_impossible(resolved), None
-    if proof is not None and task.flight.filled and prove_impossible(scaled_defaults(task, 0.0).resolve(n)) is None:
-
-        def is_excluded(twentieths: int) -> bool:
-            return prove_impossible(scaled_defaults(task, twentieths / 20).resolve(n)) is not None
-
-        share = bisect_left(range(1, 20), True, key=is_excluded) / 20
-    return {
-        "modules": n,
-        "candidates": request.space(n).count(),
-        "quotient": quotient_remark(request.quotient(n)),
-        "lower_bound": lower_bound(resolved),
-        "impossible": proof and proof.message,
-        "defaults_share": share,
-    }
+    options.echo_answer(value, chain([str(checked)], picture_line))
 
 
 @command(epilog="Example: topo-search topologies 8 --count")

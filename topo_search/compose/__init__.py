@@ -1,5 +1,6 @@
 """The Python interface: solver, audit and search combined. The command line calls it too."""
 
+from topo_search.compose.asking import airflow, capability, check, fly
 from topo_search.compose.binding import BACKENDS, available_cores
 from topo_search.compose.designs import (
     audit,

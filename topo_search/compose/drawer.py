@@ -55,6 +55,11 @@ def kit(
         BadInput: a run is not finished, modules differ between tasks, brackets do not fit, or the folder is in use.
         NoCommonKit: a run has no design with a clear audit.
         NotClear: the brackets of a chosen design are not clear.
+
+    Example:
+        >>> from topo_search import kit
+        >>> [brackets.count for brackets in kit(["hover-2"], out="drawer").brackets]
+        [1]
     """
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):

@@ -1,0 +1,51 @@
+"""What `check`, `fly`, `capability` and `airflow` return in Python: the values that their commands print."""
+
+import json
+
+import pytest
+from commands import invoke
+
+import topo_search as ts
+from topo_search.model.files import to_json, to_toml
+
+
+def test_a_check_is_the_text_of_the_command_and_a_table(tmp_path) -> None:
+    task = ts.read_task("push", ("module.mass=40.0",))
+    (tmp_path / "heavy.toml").write_text(to_toml(task))
+    checked = ts.check(task)
+    assert str(checked) == invoke("check", str(tmp_path / "heavy.toml")).stdout.rstrip("\n")
+    assert checked.warnings
+    assert len(repr(checked)) < 100
+    assert checked.warnings[0].words.split(";")[0] in checked._repr_html_()
+
+
+def test_air_is_that_of_the_command() -> None:
+    air = ts.airflow(ts.read_task("push-local"), speed=2, at=2.0)
+    printed = json.loads(invoke("airflow", "push-local", "--speed", "2", "--at", "2", "--json").stdout)
+    assert air.smallest.volume_m3 == printed["volume_m3"]
+    assert air.present.end_m_s == printed["end_m_s"]
+    assert repr(air) == invoke("airflow", "push-local", "--speed", "2", "--at", "2").stdout.rstrip("\n")
+
+
+@pytest.mark.parametrize(("speed", "at", "named"), [(0, "hover", "speed"), (2, 9, "at"), (2, "no", "at")])
+def test_air_of_values_out_of_range_is_refused(speed, at, named) -> None:
+    with pytest.raises(ts.BadInput, match=f"{named}: must be"):
+        ts.airflow(speed=speed, at=at)
+
+
+def test_a_flight_is_that_of_the_command(wall_press, tmp_path) -> None:
+    (tmp_path / "wall.json").write_text(to_json(wall_press))
+    flown = ts.fly(wall_press, only=("hover",), wake=False, seed=3, out=tmp_path / "flight")
+    printed = json.loads(
+        invoke("fly", str(tmp_path / "wall.json"), "--only", "hover", "--no-wake", "--seed", "3", "--json").stdout
+    )
+    assert flown.model_dump(mode="json") == printed
+    assert json.loads((tmp_path / "flight/flight.json").read_text()) == printed
+
+
+@pytest.mark.parametrize(
+    "given", [{"noise": -1}, {"model_error": 0.6}, {"detection_time": 11}, {"allocator": "lsq"}]
+)
+def test_a_flight_with_values_out_of_range_is_refused(wall_press, given) -> None:
+    with pytest.raises(ts.BadInput, match=f"{next(iter(given))}: must be .*, but got"):
+        ts.fly(wall_press, **given)
