@@ -4,9 +4,14 @@ import json
 
 import pytest
 from commands import invoke
+from toy_problem import toy_run
+from vehicle_cases import star
 
 import topo_search as ts
+import verify
 from topo_search.model.files import to_json, to_toml
+from topo_search.model.task_file import examples
+from topo_search.study import Solved
 
 
 def test_a_check_is_the_text_of_the_command_and_a_table(tmp_path) -> None:
@@ -25,6 +30,19 @@ def test_air_is_that_of_the_command() -> None:
     assert air.smallest.volume_m3 == printed["volume_m3"]
     assert air.present.end_m_s == printed["end_m_s"]
     assert repr(air) == invoke("airflow", "push-local", "--speed", "2", "--at", "2").stdout.rstrip("\n")
+
+
+def test_no_value_prints_more_than_2000_characters(wall_press, tmp_path) -> None:
+    answer, audited = toy_run(tmp_path / "run", modules=(2, 3)), verify.audit(wall_press)
+    flown = ts.fly(wall_press, only=("hover",), wake=False)
+    task = ts.read_task("push").replace(modules=(2, 3))
+    values = [answer, answer.sizes[0], answer.best, answer.design, answer.audit, Solved(wall_press, audited, ())]
+    values += [wall_press, wall_press.task, audited, audited.flight, *audited.pairs, flown, task]
+    values += [wall_press.topology, *map(ts.read_task, examples()), ts.capability(star(0.4))]
+    assert max(len(text(value)) for value in values for text in (repr, str)) <= 2000
+    assert len(repr(answer).splitlines()) == 3
+    assert repr(answer.sizes[1]).startswith("3 modules: ")
+    assert repr(task.replace(gravity=9.8)).count("gravity=9.8") == 1 + repr(task).count("gravity=9.8")
 
 
 @pytest.mark.parametrize(("speed", "at", "named"), [(0, "hover", "speed"), (2, 9, "at"), (2, "no", "at")])

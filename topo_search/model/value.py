@@ -200,6 +200,11 @@ Broken = Iterator[tuple[Location, str]]
 """Broken rules: location, and rule with the offending value."""
 
 
+SHORT = reprlib.Repr()
+"""Cuts long texts, lists and tables in `repr` of a value."""
+SHORT.maxother = SHORT.maxstring = 160
+
+
 class Value(BaseModel):
     """Frozen value: compared by content, picklable, read from and written to TOML and JSON."""
 
@@ -221,6 +226,14 @@ class Value(BaseModel):
         """Replace the signature that pydantic writes when it builds the class, on first use, by the field names."""
         fields = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
         cls.__signature__ = inspect.Signature(fields)
+
+    def __repr__(self) -> str:
+        """Return the fields that differ from their defaults, cut to fit in 2,000 characters."""
+        given = ((name, value) for name, value in self if value != type(self).model_fields[name].default)
+        text = ", ".join(f"{name}={SHORT.repr(value)}" for name, value in given)
+        return f"{type(self).__name__}({text[:1900]}{'...' * (len(text) > 1900)})"
+
+    __str__ = __repr__
 
     def replace(self, **changes: Any) -> Self:
         """Return a validated copy with some fields changed.

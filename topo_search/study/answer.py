@@ -12,7 +12,16 @@ from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import gap_percent
 from topo_search.study.ledger import Row, best_of
 from topo_search.study.pareto import FrontPoint, idle_goals
-from topo_search.study.tables import answer_html, candidates, front_table, shortfalls, size_html, solves
+from topo_search.study.tables import (
+    answer_html,
+    answer_repr,
+    candidates,
+    front_table,
+    shortfalls,
+    size_html,
+    size_repr,
+    solves,
+)
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -101,7 +110,7 @@ class SizeAnswer:
             return row.gap
         return self.objective.gap_after(self.proven_gap, self.objective.excess(row, self.best))
 
-    _repr_html_ = size_html
+    __repr__, _repr_html_ = size_repr, size_html
 
 
 @dataclass(frozen=True)
@@ -299,7 +308,7 @@ class Answer:
     def _all_sizes(self) -> tuple[SizeAnswer, ...]:
         return tuple(size for level in self.levels for size in level.sizes) or self.sizes
 
-    _repr_html_ = answer_html
+    __repr__, _repr_html_ = answer_repr, answer_html
 
     @property
     def exit_status(self) -> int:

@@ -32,6 +32,8 @@ class Solved:
         verdict = self.audit.verdict if isinstance(self.audit, Audit) else "failed"
         return f"{self.outcome.topology.key}, J = {self.outcome.objective:.6g} rad^4/s^4, audit {verdict}"
 
+    __repr__ = __str__
+
     @property
     def found(self) -> bool:
         """True if there is a design with a clear audit."""

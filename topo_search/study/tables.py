@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, fields
 from pathlib import Path
@@ -118,6 +119,18 @@ def size_html(size: SizeAnswer) -> str:
         html += heading(f"within {100 * NEAR_BEST:g} % of the {size.objective.least}, largest force reserve first")
         html += table(("key", size.objective.column, *FLIGHT), ties)
     return html + "".join(paragraph(text) for text in remarks)
+
+
+def size_repr(size: SizeAnswer) -> str:
+    """Return the best design of a size, or why there is none, in one line."""
+    best = size.best and f"{size.best.key}, {size.objective.words(size.best, 6)}"
+    return textwrap.shorten(f"{size.modules} modules: {size.counts}; {best or size.failure or size.reason}", 120)
+
+
+def answer_repr(answer: Answer) -> str:
+    """Return the answer and its first sizes in at most ten lines, for a notebook or a terminal."""
+    sizes = [size for level in answer.levels for size in level.sizes] or answer.sizes
+    return "\n".join([textwrap.shorten(str(answer), 500), *map(repr, sizes[:9])])
 
 
 def answer_html(answer: Answer) -> str:
