@@ -17,11 +17,13 @@ from test_export_brackets import mating_face, read
 
 from topo_search.export.brackets import mount
 from topo_search.export.kit import write_kit
+from topo_search.export.sheet import mass_note, struts_note
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.files import to_json
+from topo_search.model.files import read_json, to_json
 from topo_search.model.flying import with_defaults
 from topo_search.model.joint_mass import joint_mass
+from topo_search.model.task_file import read_task
 from verify.kinematics import platform
 
 HOVER = {"units": "SI", "carries_weight": True}
@@ -216,3 +218,26 @@ def test_a_rod_that_hides_the_bolts_of_its_mount_is_refused(tmp_path: Path) -> N
     with pytest.raises(BadInput, match=r"end_effector.rod_radius: must be at most 0\.0022, .* but got 0\.005"):
         write_kit(thick, tmp_path / "kit")
     assert not (tmp_path / "kit").exists()
+
+
+def test_a_kit_without_struts_says_what_is_missing() -> None:
+    """Rotors of 60 mm radius leave no room between the arms."""
+    design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
+    wide = design.task.module.replace(body=design.task.module.body.replace(rotor_radius=0.069))
+    crowded = design.model_copy(update={"task": design.task.model_copy(update={"module": wide})})
+    assert list(struts_note(design)) == []
+    (told,) = struts_note(crowded)
+    assert told.startswith("rotors leave no room for straight struts: nothing in the kit joins a hub")
+
+
+SUMS = (("all parts", "1.2"), ("model of the search", "1"))
+
+
+def test_the_advice_on_mass_is_a_task_that_can_be_stated() -> None:
+    """A task without a rod cannot count one."""
+    parts = [("bracket", 2, "", "0.1", "0.2", ""), *((name, "", "", "", mass, "") for name, mass in SUMS)]
+    with_rod = read_task("wall-push", ("modules=3", 'end_effector.rod_mass="ignored"')).resolve(3)
+    without = read_task("push", ("modules=3",)).resolve(3)
+    assert without.end_effector.rod == "none"
+    assert "rod_mass" in mass_note(with_rod, parts)
+    assert "rod_mass" not in mass_note(without, parts)

@@ -72,7 +72,7 @@ def _round(design: Design, step_deg: float) -> tuple[Design, Audit]:
 
 
 def _advice(design: Design, step_deg: float) -> str:
-    """Return the largest of the smaller steps that leads to a clear design, in words."""
+    """Return the largest smaller one of the listed steps that leads to a clear design, in words."""
     for step in (step for step in STEPS if step < step_deg):
         try:
             _round(design, step)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from topo_search.export.allocation import allocation, allocator_file, px4_parameters, px4_warnings, reason_against
 from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
-from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note
+from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note, struts_note
 from topo_search.export.sheet_pdf import sheet_pdf
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
@@ -59,7 +59,8 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     platform_data, solids = allocation(design), printed_parts(design)
     px4_reason = reason_against(platform_data)
     kit_notes = px4_warnings(platform_data) if px4_reason is None else (f"{PARAMETERS} is left out: {px4_reason}",)
-    kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)), *strength_note(design))
+    kit_notes = (*kit_notes, *struts_note(design), mass_note(design.task, parts_list(design, solids)))
+    kit_notes = (*kit_notes, *strength_note(design))
     page = sheet(design, solids, (*notes, *kit_notes))
     contents: dict[str, str | bytes] = {
         ALLOCATION: to_json(platform_data),

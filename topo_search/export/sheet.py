@@ -68,7 +68,7 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
         *(paragraph(text) for text in notes),
         "<h2>Convention</h2>",
         f'<section class="convention">{ports(design.task.module)}{paragraph(CONVENTION)}</section>',
-        paragraph(f"Angles are rounded to {10**-DIGITS:g} deg. {_faces(design)}"),
+        paragraph(f"Angles are given to {10**-DIGITS:g} deg. {_faces(design)}"),
         *(strut_section(design.task.module, kind) for kind in brackets.struts(design)),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
@@ -432,9 +432,21 @@ def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
         return note
     joining_mass = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
     settings = [f"--set module.joint_mass={joining_mass / joints:.3g}"]
-    if task.end_effector.rod_mass == "ignored":
+    if task.end_effector.rod == "straight" and task.end_effector.rod_mass == "ignored":
         settings.append("--set 'end_effector.rod_mass=\"included\"'")
     return f"{note}, off by {100 * abs(more):.2g} %; search again with {' '.join(settings)}"
+
+
+def struts_note(design: Design) -> Iterator[str]:
+    """Yield what has to hold the brackets if rotors leave no room for struts."""
+    module, sizes = design.task.module, design.task.module.bracket_sizes
+    outer, hub = module.connector_distance - sizes.set_back, min(module.body.hub[:2]) / 2
+    if module.body.frame is None and not strut_width(module) and outer - hub > 2 * sizes.thickness:
+        faces, middle = f"{MILLIMETRES * outer:.1f} mm", f"{MILLIMETRES * hub:.1f} mm"
+        yield (
+            f"rotors leave no room for straight struts: nothing in the kit joins a hub, {middle} from "
+            f"the centre, to the faces of brackets, {faces} from it; that part, and its mass, are yours to add"
+        )
 
 
 def parts_csv(rows: Sequence[ListedPart]) -> str:
