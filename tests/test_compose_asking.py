@@ -24,6 +24,19 @@ def test_a_check_is_the_text_of_the_command_and_a_table(tmp_path) -> None:
     assert checked.warnings[0].words.split(";")[0] in checked._repr_html_()
 
 
+def test_a_task_and_a_comparison_are_tables(wall_press, tmp_path) -> None:
+    html = ts.read_task("push", ("gravity=9.7",))._repr_html_()
+    assert "<td>gravity</td><td>9.7</td>" in html
+    assert "<td>air_density</td>" not in html
+    (tmp_path / "wall.json").write_text(to_json(wall_press))
+    toy_run(tmp_path / "run")
+    compared = ts.compare(tmp_path / "wall.json", tmp_path / "run")
+    assert repr(compared).startswith("wall (1 design) and ")
+    assert len(repr(compared)) < 100
+    assert "<th>figure</th><th>wall</th>" in compared._repr_html_()
+    assert "<td>Control effort</td>" in compared._repr_html_()
+
+
 def test_air_is_that_of_the_command() -> None:
     air = ts.airflow(ts.read_task("push-local"), speed=2, at=2.0)
     printed = json.loads(invoke("airflow", "push-local", "--speed", "2", "--at", "2", "--json").stdout)

@@ -26,6 +26,7 @@ from topo_search.study.directory import CHANGED
 from topo_search.topologies.own_topologies import OwnTopology, own_topology
 
 if TYPE_CHECKING:
+    from topo_search.report.design_page import Comparison
     from topo_search.report.headline import Compared
 
 
@@ -328,7 +329,7 @@ figure = plot_platform
 """Former name of `plot_platform`."""
 
 
-def compare(first: str | Path, second: str | Path, *, out: str | Path | None = None) -> list[list[Compared]]:
+def compare(first: str | Path, second: str | Path, *, out: str | Path | None = None) -> Comparison:
     """Compare two runs or designs, and return the designs of each, best first.
 
     Args:
@@ -345,10 +346,10 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
         >>> [side[0].name for side in compare("hover-2", "hover-2/best.json")]
         ['hover-2/a10', 'best']
     """
-    from topo_search.report.design_page import compare_page
+    from topo_search.report.design_page import Comparison, compare_page
     from topo_search.report.page import render
 
-    sides = [_designs(Path(source)) for source in (first, second)]
+    sides = Comparison(_designs(Path(source)) for source in (first, second))
     if out is not None:
         write_atomically(Path(out), render(compare_page(*sides)))
     return sides

@@ -8,7 +8,7 @@ from topo_search.model.assembly import Assembly, ShorterRod
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.flying import Missed, fallback, find_missed, with_defaults, with_older_defaults
 from topo_search.model.goals import GOALS, Goals, Level, broken_goals
-from topo_search.model.html import audit_html, design_html
+from topo_search.model.html import audit_html, design_html, task_html
 from topo_search.model.joint_mass import joint_mass
 from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import broken_maximize
@@ -30,6 +30,6 @@ __all__ = [
     "CORNER_SETS", "GOALS", "TASK_RULES", "WITHIN_TOLERANCES", "AirSpeeds", "AskedFlight", "Assembly",
     "CasePower", "FastAir", "Flight", "Goals", "Level", "MeshExcess", "Missed", "Placement", "Relaxed",
     "Sensitivity", "ShorterRod", "Stated", "StatedCheck", "Tolerances", "Versioned", "audit_html",
-    "design_html", "fallback", "find_missed", "joint_mass", "objective_of", "with_defaults",
-    "with_older_defaults",
+    "design_html", "fallback", "find_missed", "joint_mass", "objective_of", "task_html",
+    "with_defaults", "with_older_defaults",
 ]  # fmt: skip

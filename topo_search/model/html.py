@@ -11,10 +11,12 @@ from topo_search.limits import quantity
 from topo_search.model.clearance import Status
 from topo_search.model.proven import NOT_CERTIFIED, gap_percent, lower_text, upper_text
 from topo_search.model.topology import PORT_NAMES
+from topo_search.model.value import SHORT
 
 if TYPE_CHECKING:
     from topo_search.model.audit import Audit
     from topo_search.model.design import Design
+    from topo_search.model.task import Task
 
 
 def heading(text: str) -> str:
@@ -56,6 +58,17 @@ def design_html(design: Design) -> str:
         + table(("module", "port", "child", "its port", "hinge angle [deg]"), rows)
         + paragraph(f"root module: psi = {psi}, alpha_0 = {alpha_0}, alpha_1 = {alpha_1} deg")
         + paragraph(f"end-effector at [{position}] m from the root module's centre")
+    )
+
+
+def task_html(task: Task) -> str:
+    """Show the fields that differ from their defaults in a notebook, with their meaning; long values are cut."""
+    given = [
+        (name, field) for name, field in type(task).model_fields.items() if getattr(task, name) != field.default
+    ]
+    rows = [(name, SHORT.repr(getattr(task, name)), field.description) for name, field in given]
+    return heading(f"{task.name}: fields that differ from their defaults") + table(
+        ("field", "value", "meaning"), rows
     )
 
 

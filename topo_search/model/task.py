@@ -37,6 +37,7 @@ from topo_search.model.features import (
     Level,
     Tolerances,
     joint_mass,
+    task_html,
     with_defaults,
 )
 from topo_search.model.folds import Folds, intersect
@@ -388,6 +389,8 @@ class Task(Value):
             return self.model_copy(update={part: getattr(self, part).model_copy(update=fields)})
         changed = self.exposure[part].model_copy(update=fields)
         return self.model_copy(update={"exposure": (*self.exposure[:part], changed, *self.exposure[part + 1 :])})
+
+    _repr_html_ = task_html
 
     def resolve(self, n: int) -> ResolvedTask:
         """Return the task for n modules with every default filled in and its load cases in N and N m.

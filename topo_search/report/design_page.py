@@ -27,7 +27,7 @@ from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import Compared, card, headline
 from topo_search.report.polytope import polytopes
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, modules, rounded_down, rounded_up
+from topo_search.report.wording import EFFORT, figures, modules, quantity, rounded_down, rounded_up
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -232,6 +232,17 @@ def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[
         "tiles": (),
         "compared": {"figures": figure_table(first[0], second[0]), "cards": cards},
     }
+
+
+class Comparison(list[list[Compared]]):
+    """The designs of two runs, the best first, whose best ones a notebook shows side by side."""
+
+    def __repr__(self) -> str:
+        return " and ".join(f"{side[0].name} ({quantity(len(side), 'design')})" for side in self)
+
+    def _repr_html_(self) -> str:
+        shown = figure_table(self[0][0], self[1][0])
+        return table(shown.columns, shown.rows)
 
 
 def figure_table(first: Compared, second: Compared) -> Table:
