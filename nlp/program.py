@@ -217,8 +217,9 @@ class AssembledProgram:
             program.append(rows_of(self._constraints, self._task, self._topology).derived)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
-        lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
-        upper[hinges] = np.minimum(upper[hinges], start.alpha + limit)
+        middle = np.clip(start.alpha, lower[hinges], upper[hinges])
+        lower[hinges] = np.maximum(lower[hinges], middle - limit)
+        upper[hinges] = np.minimum(upper[hinges], middle + limit)
         return program, lower, upper
 
     def _merit(self, point: Point) -> _Merit:

@@ -13,6 +13,7 @@ from scipy.optimize import minimize
 from nlp.assembled.problem import AssembledProblem
 from nlp.climbing import RaisedProblem
 from nlp.lazy_solve import without_corners
+from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
 from topo_search import plot_front, prove, read_task, search
 from topo_search.cli.tables import result_lines
@@ -184,6 +185,16 @@ def test_derivatives_of_the_raised_program(raises):
         np.testing.assert_allclose(hessian(x) @ d, (slopes[0] - slopes[1]) / (2 * h), atol=1e-6)
     directly = AssembledProblem(twice, tree, [], 30.0).constraints(x[:-1])
     np.testing.assert_allclose(raised.constraints(np.append(x[:-1], 2.0)), directly, atol=1e-12)
+
+
+def test_a_hinge_beyond_its_limits_is_polished_from_the_nearest_one():
+    """A climb may start where the rows of hinges are not yet met."""
+    task, tree = hover(2).resolve(2), Topology.from_key("a10")
+    start = draw(task, tree, rng=generator(task, tree, 0, 0))
+    for alpha in (-2.0, 0.1, 2.0):
+        _, lower, upper = AssembledProgram(task, tree, ()).assemble(replace(start, alpha=np.array([alpha])), 0.01)
+        assert np.all(lower <= upper)
+        assert upper[3] - lower[3] == pytest.approx(0.02 if alpha == 0.1 else 0.01)
 
 
 def proposals(values, *, late):
