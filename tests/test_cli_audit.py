@@ -22,7 +22,7 @@ from topo_search.model.files import to_json
 CLEAR = fan({"exposure": [{"kind": "local", "radius": 0.15}]})
 OVERLAPPING = fan(hinges=(0.0, 0.0))
 DATA = json.loads(to_json(CLEAR))
-COLUMNS = "kind,a,b,segment,status,lower_m,upper_m,analytic_m,level,percent,design"
+COLUMNS = "kind,a,b,segment,status,lower_m,upper_m,analytic_m,level,percent,design,rotor"
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from topo_search.model.text import escape_formula
 from topo_search.study import COLUMNS
 from verify import audit
 
-CLEARANCE = ("kind", "a", "b", "segment", "status", "lower_m", "upper_m", "analytic_m", "level", "percent")
+CLEARANCE = ("kind", "a", "b", "segment", "status", "lower_m", "upper_m", "analytic_m", "level", "percent", "rotor")
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_a_row_for_every_residual(audited: Audit) -> None:
 def test_files_read_back_as_they_were(audited: Audit) -> None:
     frame = clearances(audited)
     pd.testing.assert_frame_equal(pd.read_parquet(io.BytesIO(parquet(frame))), frame, check_dtype=False)
-    again = pd.read_csv(io.StringIO(tables.csv(frame)), dtype={"segment": "Int64"})
+    again = pd.read_csv(io.StringIO(tables.csv(frame)), dtype={"segment": "Int64", "rotor": "Int64"})
     pd.testing.assert_frame_equal(again, frame, check_dtype=False, rtol=1e-14)
 
 

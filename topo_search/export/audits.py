@@ -156,11 +156,13 @@ def clearances(audit: Audit) -> pd.DataFrame:
 
 
 def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
-    """Return the clearances of several named audits; the last column, `design`, holds the name."""
+    """Return the clearances of several named audits; the column `design` holds the name, `rotor` is the last."""
     numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
     frame = _frame(Clearance, (pair for _, audit in audits for pair in audit.pairs))
-    frame = frame.astype({**numbers, "segment": "Int64"}).drop(columns=["contact", "evidence", "closest_m"])
-    return frame.assign(design=[name for name, audit in audits for _ in audit.pairs])
+    frame = frame.astype({**numbers, "segment": "Int64", "rotor": "Int64"})
+    rotor = frame.pop("rotor")
+    frame = frame.drop(columns=["contact", "evidence", "closest_m"])
+    return frame.assign(design=[name for name, audit in audits for _ in audit.pairs], rotor=rotor)
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
