@@ -296,5 +296,5 @@ def test_the_sheet_has_a_step_for_every_joint_and_its_numbers(command, tmp_path,
     assert f"the rod to {1000 * rod.length_m:.1f} mm" in text
     x, y, z = rod.direction_in_module
     out = {0: x, 1: y, 2: -x, 3: -y}[solved_push.mount.port]
-    assert f"{1000 * rod.length_m * out:.1f} mm outwards" in text
-    assert f"and {1000 * rod.length_m * z:.1f} mm up." in text
+    for length, words in ((out, ("outwards", "inwards")), (z, ("up", "down"))):
+        assert f"{1000 * rod.length_m * abs(length):.1f} mm {words[length < 0]}" in text

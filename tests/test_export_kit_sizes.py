@@ -166,10 +166,12 @@ def rod_direction(design: dict[str, Any], folder: Path) -> np.ndarray:
     """Direction of the rod in the mount's frame, as the sheet has it."""
     text = " ".join(re.sub("<[^>]*>", " ", (folder / "assembly.html").read_text()).split())
     found = re.search(
-        r"the tip is (\S+) mm outwards, (\S+) mm to the left \(looking outwards\), and (\S+) mm up", text
+        r"tip is (\S+) mm (out|in)wards, (\S+) mm to the (left|right) \(looking outwards\), and (\S+) mm (up|down)",
+        text,
     )
     assert found is not None
-    v = np.array([float(number) for number in found.groups()])
+    signs = [-1 if word in ("in", "right", "down") else 1 for word in found.groups()[1::2]]
+    v = np.array([float(number) for number in found.groups()[::2]]) * signs
     return np.asarray(v / np.linalg.norm(v))
 
 

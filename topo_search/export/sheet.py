@@ -202,7 +202,9 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
         return
     i, a = design.mount.module, design.mount.port
     (mount,) = (part for part in solids if part.name == "rod mount")
-    x, y, z = (poses.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+    offsets = (poses.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start)
+    sides = ("outwards", "inwards"), ("to the left", "to the right"), ("up", "down")
+    x, y, z = (f"{1000 * abs(d):.1f} mm {words[d < 0]}" for d, words in zip(offsets.tolist(), sides, strict=True))
     tilt = axis_words(design.task, (rod.end - rod.start) / rod.length)
     text = (
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
@@ -210,8 +212,7 @@ def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[s
         "its bolt. The end-effector of "
         f"{1000 * design.task.end_effector.mass:.3g} g goes on the tip; its fixture is not part of the kit. "
         "Check with a square: "
-        f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
-        f"{1000 * rod.length * y:.1f} mm to the left (looking outwards), and {1000 * rod.length * z:.1f} mm up."
+        f"from the bottom of the bore, which is the connector, the tip is {x}, {y} (looking outwards), and {z}."
         + (f" The rod is then {tilt}." if tilt else "")
     )
     yield f"<section>{step_picture(design, design.topology.n, with_rod=True)}<div>{paragraph(text)}</div></section>"

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from trimesh import Trimesh
 
 from topo_search.export import brackets
 from topo_search.export.poses import azimuth_deg, rod_of
@@ -67,6 +68,8 @@ def step_picture(design: Design, count: int, *, with_rod: bool = False) -> str:
         v = (rod.end - rod.start) / rod.length
         tube = cylinder(rod.radius, rod.length, 8).move(rotation_to(v), (rod.start + rod.end) / 2)
         faces += [*_strut(design, poses, design.mount.module, design.mount.port, NEW), *_faces(tube, NEW)]
+        for part in brackets.mount(design):
+            faces += _part(part.mesh, design, poses, design.mount.module, design.mount.port, NEW)
         mount = _port(design, poses, design.mount.module, design.mount.port, 0.62)
         labels += [Label(mount, str(design.mount.port), False), Label(rod.end, "E", is_module=True)]
     words = f"step {count - 1 + with_rod}: " + ("the rod" if with_rod else f"module {count - 1}")
@@ -85,15 +88,20 @@ def _module(design: Design, poses: Platform, i: int, *, is_new: bool) -> Iterato
 
 
 def _joint(design: Design, poses: Platform, k: int, colour: str) -> Iterator[Face]:
-    """Yield the bracket of a joint, as the hull of its flanges, and its struts."""
+    """Yield the bracket of a joint and its struts."""
     (h, i, a, b), module = [*design.topology.edges()][k], design.task.module
     phi = math.radians(brackets.bracket_turns(design)[k])
-    hull = brackets.bracket(module.bracket_sizes, phi).convex_hull
-    mesh = Mesh(np.asarray(hull.vertices) / brackets.MILLIMETRES, np.asarray(hull.faces))
-    turn, c = poses.R[h] @ brackets.connector_turn(a), _port(design, poses, h, a, 1.0)
-    yield from _faces(mesh.move(turn, c), colour)
+    yield from _part(brackets.bracket(module.bracket_sizes, phi), design, poses, h, a, colour)
     yield from _strut(design, poses, h, a, colour)
     yield from _strut(design, poses, i, b, colour)
+
+
+def _part(solid: Trimesh, design: Design, poses: Platform, i: int, port: int, colour: str) -> Iterator[Face]:
+    """Yield the hull of a printed solid at a connector [mm]."""
+    hull = solid.convex_hull
+    mesh = Mesh(np.asarray(hull.vertices) / brackets.MILLIMETRES, np.asarray(hull.faces))
+    turn, c = poses.R[i] @ brackets.connector_turn(port), _port(design, poses, i, port, 1.0)
+    yield from _faces(mesh.move(turn, c), colour)
 
 
 def _strut(design: Design, poses: Platform, i: int, port: int, colour: str) -> Iterator[Face]:
