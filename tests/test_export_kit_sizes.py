@@ -243,3 +243,14 @@ def test_the_advice_on_mass_is_a_task_that_can_be_stated() -> None:
     assert without.end_effector.rod == "none"
     assert "rod_mass" in mass_note(with_rod, parts)
     assert "rod_mass" not in mass_note(without, parts)
+
+
+def test_a_kit_whose_stated_brackets_are_in_the_way_says_which_are_not(tmp_path: Path) -> None:
+    design = json.loads((Path(__file__).parent / "designs/wall-push.json").read_text())
+    design["task"]["module"]["bracket"] = {
+        "bolt_circle": 0.08, "bolt_diameter": 0.0032, "thickness": 0.004, "wall": 0.003
+    }  # fmt: skip
+    (tmp_path / "wide.json").write_text(json.dumps(design))
+    said = invoke("export", tmp_path / "wide.json", "--format", "kit", "--out", tmp_path / "kit", status=1).stderr
+    assert "Smaller ones are: search again with module.bracket = {" in said
+    assert not (tmp_path / "kit").exists()

@@ -128,7 +128,8 @@ def export(
                 raise SystemExit(1) from None
         options.echo_lines(notes)
         if audited.verdict != ts.Status.CLEAR and chosen.name == "kit":
-            for text in broken_lines(audited):
+            brackets, are_clear = brackets_note(design)
+            for text in (*broken_lines(audited), *(() if are_clear else (brackets,))):
                 note(text)
             note(f"nothing is written: the audit of this design is {audited.verdict}")
             raise SystemExit(1)
