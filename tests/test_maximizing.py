@@ -260,7 +260,7 @@ def test_a_climb_that_ends_below_what_was_asked_is_told_as_it_is(answer, monkeyp
 
 
 def test_smaller_loads_are_audited_where_air_is_limited():
-    """A design whose air is too fast with five eighths of its load is told as such."""
+    """Air too fast at five eighths of the load fails the audit."""
     design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
     told, speed = [], {"exposure": [e.replace(speed=9.0) for e in design.task.exposure]}
     task = design.task.model_copy(update=speed).with_fields("search", maximize="load")

@@ -57,9 +57,8 @@ class MostCapable:
         task = self.job.task
         self.margins = Margins.of(task)
         if task.search.maximize in RESERVES:
-            disc = task.search.maximize == "force_reserve" and task.flight.directions == "horizontal"
-            self.towards += sample_directions(disc=disc)
-            self.coarse = sample_directions(disc=disc, coarse=True)
+            self.towards += sample_directions(task)
+            self.coarse = sample_directions(task, coarse=True)
 
     def best(self) -> Design | Infeasible:
         """Return the most capable design, or why none reaches the job's value."""
@@ -148,11 +147,10 @@ class MostCapable:
         value = max(0.0, _value(best) - step)
         cheapest = self.solve(replace(self._job(value, self.towards), starts=range(0), near=(best,)))
         for _ in range(MAXIMIZING.rounds):
-            if isinstance(cheapest, Infeasible):
-                cheapest = climb(self._base, best, self.constraints, value=value, turns=False)
-            measured, weakest = self._measure(cheapest)
-            if _value(measured) >= value - step or not self._see(weakest):
-                return measured
+            if isinstance(cheapest, Design):
+                measured, weakest = self._measure(cheapest)
+                if _value(measured) >= value - step or not self._see(weakest):
+                    return measured
             cheapest = climb(self._base, best, self.constraints, value=value, turns=False)
         return best
 

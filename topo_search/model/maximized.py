@@ -62,14 +62,18 @@ def task_at(task: ResolvedTask, value: float) -> ResolvedTask:
 
 def provable_at(task: ResolvedTask, value: float) -> ResolvedTask:
     """Return T(s) with the directions in which a proof asks for a maximised reserve."""
-    name, disc = task.search.maximize, task.flight.directions == "horizontal"
-    spread = ring(16) if name == "force_reserve" and disc else BALL
-    return task_at(task, value).with_fields("search", towards=spread if name in RESERVES else ())
+    spread = ring(16) if _is_disc(task) else BALL
+    towards = spread if task.search.maximize in RESERVES else ()
+    return task_at(task, value).with_fields("search", towards=towards)
 
 
-def sample_directions(*, disc: bool, coarse: bool = False) -> tuple[Vector, ...]:
-    """Return unit vectors in all directions, or all horizontal ones, with the symmetries of a cube."""
-    if disc:
+def _is_disc(task: ResolvedTask) -> bool:
+    return task.search.maximize == "force_reserve" and task.flight.directions == "horizontal"
+
+
+def sample_directions(task: ResolvedTask, *, coarse: bool = False) -> tuple[Vector, ...]:
+    """Return unit vectors in all directions of a maximised reserve, with the symmetries of a cube."""
+    if _is_disc(task):
         return ring(8 if coarse else 64)
     steps = range(-1, 2) if coarse else range(-3, 4)
     cube = (v for v in product(steps, repeat=3) if max(map(abs, v)) == steps[-1])
@@ -106,7 +110,7 @@ def balls_of(task: ResolvedTask) -> list[ReserveBall]:
     kind, unit_name, points = "torque", "Nm", POINT_SUFFIXES["tip"]
     if task.search.maximize == "force_reserve":
         kind, unit_name, points = "force", "N", POINT_SUFFIXES[task.flight.at]
-        kind = "horizontal" if task.flight.directions == "horizontal" else kind
+        kind = "horizontal" if _is_disc(task) else kind
     return [
         ReserveBall(number, label, case, point, f"{kind}_reserve{point}_{unit_name}", f"{kind}_weakest{point}")
         for number, label, case in weight_cases(task, task.flight.around)
