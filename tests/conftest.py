@@ -33,6 +33,11 @@ if find_library("EGL"):  # films need no display
     os.environ.setdefault("MUJOCO_GL", "egl")
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Ignore what Python says about suspicious tasks: the paper's are."""
+    config.addinivalue_line("filterwarnings", "ignore::topo_search.SuspiciousTask")
+
+
 @pytest.hookimpl(trylast=True)  # when those are left out that are not to run
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Compile before all else: each process begins with a part of it, and waits for no other's code."""

@@ -1,14 +1,16 @@
 """What `check`, `fly`, `capability` and `airflow` return in Python: the values that their commands print."""
 
 import json
+import warnings
 
 import pytest
 from commands import invoke
-from toy_problem import toy_run
+from toy_problem import BACKENDS, InProcess, toy_run, toy_task
 from vehicle_cases import star
 
 import topo_search as ts
 import verify
+from topo_search.compose import searching
 from topo_search.model.files import to_json, to_toml
 from topo_search.model.task_file import examples
 from topo_search.study import Solved
@@ -22,6 +24,28 @@ def test_a_check_is_the_text_of_the_command_and_a_table(tmp_path) -> None:
     assert checked.warnings
     assert len(repr(checked)) < 100
     assert checked.warnings[0].words.split(";")[0] in checked._repr_html_()
+
+
+def test_python_warns_of_each_suspicious_value_that_is_read_and_searched_once(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(searching, "backends", lambda _: BACKENDS)
+    monkeypatch.setattr(searching, "open_engine", lambda *_: InProcess(1))
+    odd = toy_task(2).replace(gravity=9.7)
+    (tmp_path / "odd.toml").write_text(to_toml(odd))
+    with warnings.catch_warnings(record=True) as shown:
+        warnings.simplefilter("default", ts.SuspiciousTask)
+        ts.search(ts.read_task(tmp_path / "odd.toml"), out=tmp_path / "run", starts=1)
+    assert [str(warning.message) for warning in shown] == [*map(str, ts.check(odd).warnings)] != []
+    with pytest.warns(ts.SuspiciousTask, match="^gravity: "):
+        ts.search(odd, out=tmp_path / "run", starts=1)
+
+
+def test_commands_give_warnings_as_lines(run_toy, tmp_path, in_process) -> None:
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task(2).replace(gravity=9.7)))
+    warned = [f"warning: {warning}" for warning in ts.check(tmp_path / "toy.toml").warnings]
+    with warnings.catch_warnings(action="error", category=ts.SuspiciousTask):
+        for command in (run_toy, lambda *words: invoke("kit", "toy.toml", *words)):
+            printed = command("--out", tmp_path / command.__repr__()[1:5]).stderr.splitlines()
+            assert [line for line in printed if line.startswith("warning")] == warned != []
 
 
 def test_a_task_and_a_comparison_are_tables(wall_press, tmp_path) -> None:

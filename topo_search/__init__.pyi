@@ -54,10 +54,10 @@ from topo_search.model.mesh_file import ConvexPiece
 from topo_search.model.reserves import AskedFlight
 from topo_search.model.rotors import ModuleRotor
 from topo_search.model.stated import Stated, StatedCheck
-from topo_search.model.task_file import read_task
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 from topo_search.report.charts import plot_candidates, plot_front, plot_history
 from topo_search.report.progress import Lines
+from topo_search.report.task_warnings import SuspiciousTask, read_task
 from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
 
 __all__ = [
@@ -66,7 +66,7 @@ __all__ = [
     "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
     "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
-    "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
+    "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried", "WorkersLost", "Wrench",
     "airflow", "audit", "capability", "check", "clearances", "compare", "export_design", "figure", "fly", "kit",
     "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove", "read_answer", "read_design",
     "read_json", "read_task", "register_format", "residuals", "search", "solve", "to_json", "to_toml",

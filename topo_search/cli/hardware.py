@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
+from warnings import catch_warnings
 
 import click
 
@@ -115,7 +116,7 @@ def kit(
     """Choose one design per task so that a few brackets build them all.
 
     TASK is a file or the name of a shipped example, which `run TASK --keep-within` searches first; RUN is the
-    folder of a finished run. Candidates are clear designs with as many modules as the best one, within --within of
+    folder of a finished run. Warnings about tasks (see `check`) go to stderr. Candidates are clear designs with as many modules as the best one, within --within of
     its effort. The choice needs the fewest brackets; among such choices the fewest joints change from task to task,
     in the order given; then effort decides. Brackets are of one kind if their hinge angles agree, up to the sign,
     to a thousandth of a degree; the kit has as many of each kind as any one task needs. DIR gets `kit.json`, the
@@ -133,9 +134,12 @@ def kit(
     from topo_search.compose.drawer import kit as make_kit
 
     try:
-        with shown_progress() as observer:
+        with shown_progress() as observer, catch_warnings(action="ignore", category=ts.SuspiciousTask):
+            read = {task: options.task_of(task, settings, modules=modules) for task in tasks if task not in folders}
+            for task in read.values():
+                options.warn(task)
             shared = make_kit(
-                [task if task in folders else options.task_of(task, settings, modules=modules) for task in tasks],
+                [read.get(task, task) for task in tasks],
                 out=out,
                 observer=observer,
                 note=note,

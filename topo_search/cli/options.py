@@ -147,15 +147,15 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
         BadInput: the task is invalid, or another option sets a field that `--paper` sets.
     """
     from topo_search.compose.binding import enclose_speed
-    from topo_search.model.task_file import PAPER
+    from topo_search.model.task_file import PAPER, read_task
 
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
-        return enclose_speed(ts.read_task(task, changes))
+        return enclose_speed(read_task(task, changes))
     if conflicts := [setting for setting in changes if _conflicts(setting, PAPER)]:
         faults = [ts.Fault("", f"sets this field itself, but got {setting}") for setting in conflicts]
         raise ts.BadInput("--paper", faults)
-    literal = enclose_speed(ts.read_task(task, (*changes, *PAPER)))
+    literal = enclose_speed(read_task(task, (*changes, *PAPER)))
     if literal.goals.clearance:
         rule = f"must be left out with --paper, whose margin is 0, but got {list(literal.goals.clearance)}"
         raise ts.BadInput(task, [ts.Fault("goals.clearance", rule)])

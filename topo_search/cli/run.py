@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
+from warnings import catch_warnings
 
 import click
 
@@ -128,7 +129,8 @@ def run(
         designs = options.read_near(near)
         warnings += options.warn(user_task)
         keywords = options.without_none(option_values)
-        answer = ts.search(user_task, near=designs, topologies=keys, observer=observer, **keywords)
+        with catch_warnings(action="ignore", category=ts.SuspiciousTask):  # just printed
+            answer = ts.search(user_task, near=designs, topologies=keys, observer=observer, **keywords)
     from topo_search.cli.tables import answer_lines
 
     options.echo_answer(answer_as_json(answer, warnings), answer_lines(answer))

@@ -30,6 +30,7 @@ from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
+from topo_search.report.task_warnings import warn
 from topo_search.study import Answer, Checked, Observer, SilentObserver, run
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
@@ -66,6 +67,8 @@ def search(
     live: bool = False,
 ) -> Answer:
     """Search the topologies for the best design of a task, audit the best ones and write a run folder.
+
+    Python warns about suspicious values of the task (`SuspiciousTask`).
 
     Args:
         task: a task, its file, or the name of a shipped example.
@@ -119,6 +122,7 @@ def search(
     if maximize is not None:
         with as_bad_input(base_task.name):
             base_task = base_task.replace(search=base_task.search.replace(maximize=maximize))
+    warn(base_task)
     by_default: StrategyName = "exhaustive" if base_task.search.maximize is None else "randomized"
     designs, checked, own_sampler = starting_points(near), own_constraints(constraints), named_sampler(sampler)
     request = Request(

@@ -24,13 +24,17 @@ impossible.
 
 import math
 import re
+import warnings
+from collections import defaultdict
 from collections.abc import Iterator
 from itertools import chain, starmap
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from topo_search.limits import quantity
+from topo_search.model import task_file
 from topo_search.model.body import OUTWARDS, Body
 from topo_search.model.folds import folds_text
 from topo_search.model.load_case import LoadCase, objects
@@ -53,6 +57,42 @@ class TaskWarning(NamedTuple):
     def __str__(self) -> str:
         """Return `path: words`."""
         return f"{self.path}: {self.words}"
+
+
+class SuspiciousTask(UserWarning):
+    """A value of a task is allowed but probably unintended; see `check`."""
+
+
+_SHOWN = defaultdict[str, dict[Any, Any]](dict)
+"""What `warnings` keeps of each task, by its name, so that a task just read is not warned about again."""
+
+
+def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
+    """Return the task of a TOML file or of a shipped example; Python warns about its suspicious values.
+
+    Paths of meshes are relative to the file's folder; in a shipped example, to the current one.
+
+    Args:
+        path: file, or name of a shipped example.
+        settings: changes to the file's fields, `FIELD=VALUE`, applied in order.
+
+    Raises:
+        BadInput: one fault per broken rule, or the figure of merit of the rotors is above 1.
+
+    Example:
+        >>> from topo_search import read_task
+        >>> read_task("wall-push", ("modules=[3, 4]",)).modules
+        (3, 4)
+    """
+    task = task_file.read_task(path, settings)
+    warn(task)
+    return task
+
+
+def warn(task: Task) -> None:
+    """Give the warnings about a task as Python warnings of class `SuspiciousTask`."""
+    for warning in task_warnings(task):
+        warnings.warn_explicit(str(warning), SuspiciousTask, task.name, 0, registry=_SHOWN[task.name])
 
 
 UNIT_IN_DOUBT = "is the unit right?"
