@@ -116,11 +116,12 @@ def kit(
     """Choose one design per task so that a few brackets build them all.
 
     TASK is a file or the name of a shipped example, which `run TASK --keep-within` searches first; RUN is the
-    folder of a finished run. Warnings about tasks (see `check`) go to stderr. Candidates are clear designs with as many modules as the best one, within --within of
-    its effort. The choice needs the fewest brackets; among such choices the fewest joints change from task to task,
-    in the order given; then effort decides. Brackets are of one kind if their hinge angles agree, up to the sign,
-    to a thousandth of a degree; the kit has as many of each kind as any one task needs. DIR gets `kit.json`, the
-    page `index.html`, the `brackets` to print, a sheet per change and a kit per task.
+    folder of a finished run. Warnings about tasks (see `check`) go to stderr. Candidates are clear designs with as
+    many modules as the best one, within --within of its effort. The choice needs the fewest brackets; among such
+    choices the fewest joints change from task to task, in the order given; then effort decides. Brackets are of one
+    kind if their hinge angles agree, up to the sign, to a thousandth of a degree; the kit has as many of each kind
+    as any one task needs. DIR gets `kit.json`, the page `index.html`, the `brackets` to print, a sheet per change
+    and a kit per task.
 
     Exit status: 0 done; 1 not written, since brackets are not clear; 2 bad input; 3 no common kit, because a run
     has no clear design.
