@@ -32,8 +32,7 @@ from nlp.program import MOVE_LIMITS, ROUND_OPTIONS, AssembledProgram, run_ipopt
 from nlp.rows import UserConstraints
 from nlp.solving import design_of
 from nlp.start_result import StartResult
-from topo_search.model import Design, ResolvedTask, SolverRecord
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Design, ResolvedTask, SolverRecord
 from topo_search.model.corners import to_corners
 from topo_search.model.maximized import task_at, unit_of
 from topo_search.own_constraint import OwnConstraint

@@ -30,8 +30,7 @@ from nlp.reduced.search import SELECTION, Descent, local_minima
 from nlp.requirements.modules import module_clearances
 from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 
 class SetSearch(NamedTuple):

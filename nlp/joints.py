@@ -43,8 +43,7 @@ from nlp.requirements.rod import rod_of
 from nlp.rows import Violation
 from nlp.symbols.platform import module_inertia, platform_inertia, rod_inertia, rod_vector, scale
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, ResolvedTask, Topology
 from topo_search.model.room import part_cover
 
 if TYPE_CHECKING:

@@ -22,8 +22,7 @@ from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.rows import Selections, UserConstraints
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 Function = Callable[..., Array | float]
 """Function of all inputs that returns one output."""

@@ -36,8 +36,7 @@ from nlp.numbers.masses import masses
 from nlp.requirements.balances import WRENCH_TOLERANCE
 from nlp.symbols.platform import platform_inertia, wrench_map
 from nlp.units import Units
-from topo_search.model import LoadCase, ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, LoadCase, ResolvedTask
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import AT, POINT_SUFFIXES, box_corners, centres, weight_cases
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Design, Mount, Residual, Status
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, Design, Mount, Residual, Status
 from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, FreeConnector, Obstacle, Rod
 from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE

@@ -18,10 +18,8 @@ from itertools import product
 
 import numpy as np
 
-from topo_search.model import Mount
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, Array, Mount
 from topo_search.model.rotors import UP
-from verify.bodies import Array
 from verify.certificate import ClearanceCheck
 from verify.compounds import Compound
 from verify.contacts import AnyCheck

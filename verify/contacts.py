@@ -19,8 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 from typing import Any
 
-from topo_search.model import AllowedContact, Design, Mount
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, AllowedContact, Design, Mount
 from topo_search.model.body import INWARDS, OUTWARDS
 from verify.bodies import AllowedCone
 from verify.certificate import Certificate, ClearanceCheck, RoundBody, certify_pairs

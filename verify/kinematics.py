@@ -33,9 +33,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Design, LoadCase, Module, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS
-from verify.bodies import Array
+from topo_search.model import PORT_DIRECTIONS, Array, Design, LoadCase, Module, Topology
 
 
 class Poses(NamedTuple):

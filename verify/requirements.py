@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Design, Mount
-from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Design, Mount
 from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
 from verify.bodies import AllowedCone, Array, ConeSphere, ball
 from verify.certificate import ClearanceCheck, RoundBody

@@ -74,8 +74,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Mount, needs_offset
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, Mount, needs_offset
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.beside_airflow import normals, parts_of
 from verify.bodies import AllowedCone, Array, norms

@@ -52,8 +52,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit, refresh
-from topo_search.model import Module
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Module
 
 
 class JetRounding(NamedTuple):

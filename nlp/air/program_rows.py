@@ -21,8 +21,7 @@ from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.compiled_code import njit
-from topo_search.model import ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask
 
 VECTORS = (FROM_TIP, X_I, Y_I, Z_I, LocalVector(PlatformVector("p", 1), TIP), Z_J)
 """y."""

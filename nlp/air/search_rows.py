@@ -8,8 +8,7 @@ import numpy as np
 from nlp.air.fastest import TARGET_SHARE, region_of
 from nlp.air.jets import JetConstants, SpeedRegion, jet_of
 from nlp.numbers.kinematics import Indices
-from topo_search.model import ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask
 
 
 class Speeds(NamedTuple):

@@ -34,8 +34,7 @@ from nlp.numbers.kinematics import chain, tree_of
 from nlp.numbers.masses import masses
 from nlp.requirements.statement import LocalVector, PlatformVector
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

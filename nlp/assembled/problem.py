@@ -25,8 +25,7 @@ from nlp.assembled.platform import CROSS, AssembledPlatform, Indices, Layout
 from nlp.assembled.terms import Derivatives, Term, derived_rows, inertia_terms
 from nlp.requirements import Requirement
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 
 class RowBlock(Protocol):

@@ -61,8 +61,7 @@ from nlp.bounds.refutation import (
     tolerated_thrust,
 )
 from nlp.bounds.wrenches import FORCES, largest_sum, refute_axes, refute_torque, sum_directions, sum_tolerance
-from topo_search.model import ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask
 from topo_search.model.maximized import RESERVES, task_at, unit_of
 from topo_search.model.reserves import AUDIT_TOLERANCE
 

@@ -44,8 +44,7 @@ from numpy.typing import NDArray
 
 from nlp.bounds.refutation import Refutation, bodies_mass, centre_offset, size_text
 from nlp.numbers.geometry import Swept, clearance, rotation
-from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import AirflowEnvelope, Array, ResolvedTask, Topology
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
 from topo_search.model.room import rotor_reach
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope, Shape, convex_hull

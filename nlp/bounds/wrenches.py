@@ -60,8 +60,7 @@ from nlp.bounds.refutation import (
     tolerated_thrust,
 )
 from nlp.units import Units
-from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, LoadCase, ResolvedTask, Topology
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 
 

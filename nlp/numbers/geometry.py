@@ -35,8 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from topo_search.model import AirflowEnvelope, Module, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Module, ResolvedTask, Topology
 from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Topology
 
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]

@@ -19,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import EndEffector, Module, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model import PORT_DIRECTIONS, Array, EndEffector, Module, Topology, read_only
 
 TINY = 1e-12
 """Square of a rod's length below which its inertia about its axis is neglected [l_arm^2]."""

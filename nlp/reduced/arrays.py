@@ -32,8 +32,7 @@ from nlp.requirements.row_kinds import (
     SearchRow,
 )
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
 from topo_search.model.shape import Hull
 

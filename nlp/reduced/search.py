@@ -25,8 +25,7 @@ from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
 from topo_search.compiled_code import njit
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 
 class CornerSettings(NamedTuple):

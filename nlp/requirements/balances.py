@@ -16,8 +16,7 @@ import numpy as np
 from nlp.numbers.geometry import cross, ranges
 from nlp.numbers.masses import TINY, masses, point_inertia
 from nlp.numbers.point import Point
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 WRENCH_TOLERANCE = 1e-8
 """Largest allowed wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""

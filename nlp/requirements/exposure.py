@@ -42,8 +42,7 @@ from nlp.requirements.row_kinds import (
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
-from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
-from topo_search.model.arrays import Array
+from topo_search.model import LEAST_OFFSET, AnyExposure, Array, ResolvedTask, needs_offset, segment_of
 from topo_search.model.exposure import solid_name
 from topo_search.model.kinds import Vector
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull

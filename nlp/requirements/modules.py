@@ -16,8 +16,7 @@ from nlp.requirements.row_kinds import AirflowObstacle, ModuleObstacle, SearchRo
 from nlp.requirements.statement import FROM_J, Z_J, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 BETWEEN_MODULES = (4, 5, 6)
 """Equation numbers of the clearances between modules, which depend on hinges only."""

@@ -45,8 +45,7 @@ from nlp.requirements.statement import (
     VectorsByName,
 )
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology, segment_of
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, ResolvedTask, Topology, segment_of
 from topo_search.model.end_effector import TIP
 from topo_search.model.exposure import solid_name
 from topo_search.model.shape import Shape

@@ -27,8 +27,7 @@ from nlp.numbers.geometry import (
 )
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import required_wrenches, running_rotors, wrench_matrix
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 from topo_search.model.shape import Cone
 
 

@@ -17,8 +17,7 @@ from nlp.numbers.kinematics import Tree, chain
 from nlp.reduced.arrays import ReducedProblem
 from nlp.starts.random_starts import DRAWING, entropy, is_aimed, mean_force, upstream_of
 from topo_search.compiled_code import njit, refresh
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 
 LEAST_OFFSET, LARGEST_OFFSET = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""

@@ -26,8 +26,7 @@ from nlp.requirements.modules import module_clearances
 from nlp.requirements.statement import Distance
 from nlp.starts.tabu_search import PreorderTree, Rules, TreePoses, straighten, tabu_search
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, ResolvedTask, Topology
 
 CLEAR = 0.02
 """Clearance at which a pair counts as clear [l_arm]."""

@@ -23,8 +23,7 @@ import numpy as np
 
 from nlp.numbers.geometry import poses, root_rotation, rotation
 from nlp.user_constraints.rows import TOLERANCE, UserRows, platform_of, rows, scale_of
-from topo_search.model import BadInput, Design, Fault, ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, BadInput, Design, Fault, ResolvedTask, Topology
 from topo_search.model.stated import StatedCheck
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 

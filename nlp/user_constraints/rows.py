@@ -23,8 +23,7 @@ from nlp.numbers.point import Point
 from nlp.problem import Variables
 from nlp.rows import UserConstraints, Violation
 from nlp.units import Units
-from topo_search.model import Mount, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, Mount, ResolvedTask, Topology
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 
 

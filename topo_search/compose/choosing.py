@@ -26,8 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.export.brackets import bracket_turns
-from topo_search.model import Design
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Design
 from topo_search.topologies.task_symmetry import HALF_TURN, has_symmetry
 
 

@@ -10,8 +10,7 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from topo_search.model import BadInput, Design, Fault
-from topo_search.model.arrays import Array
+from topo_search.model import Array, BadInput, Design, Fault
 from topo_search.model.proven import upper_text
 from verify.air.bound import case_jets
 from verify.air.jets import speeds

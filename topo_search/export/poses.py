@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from topo_search.limits import vector
-from topo_search.model import BadInput, Design, Fault, Module, ResolvedTask
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, BadInput, Design, Fault, Module, ResolvedTask
 from topo_search.model.shape import Shape
 from verify.kinematics import Platform, platform, rotation
 

@@ -20,8 +20,7 @@ from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import palette
 from topo_search.export.poses import shapes
-from topo_search.model import ResolvedTask, needs_offset
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, needs_offset
 from topo_search.model.mesh import circle, cone_sphere_outline
 
 VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above"))

@@ -14,8 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.model import Assembly, Design
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Design
 from topo_search.model.topology import PORT_NAMES, Topology
 
 if TYPE_CHECKING:

@@ -1,23 +1,14 @@
 """The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
 
-from topo_search.model.air import FastAir
 from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.assembly import (
-    Assembly,
-    BoltedJoint,
-    EndEffectorSheet,
-    FreeConnector,
-    Obstacle,
-    Rod,
-    ShorterRod,
-)
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, ShorterRod
 from topo_search.model.audit import AllowedContact, Audit, Interference, Residual
 from topo_search.model.clearance import Clearance, Status
 from topo_search.model.design import Design, Geometry, Infeasible, Shortfall, SolverRecord
 from topo_search.model.end_effector import EndEffector, Mount
 from topo_search.model.exposure import LEAST_OFFSET, AnyExposure, needs_offset, segment_of
 from topo_search.model.flight import CaseFlight, CasePower, Flight, JointLoad, RotorsOut
-from topo_search.model.goals import Level
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.module import Module

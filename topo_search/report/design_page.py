@@ -11,8 +11,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.export.html_page import html_page
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, Design, ResolvedTask, Status
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Audit, Design, ResolvedTask, Status
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
 from topo_search.model.html import paragraph, table

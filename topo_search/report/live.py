@@ -17,10 +17,7 @@ from topo_search.model import BadInput
 from topo_search.report.page import render
 from topo_search.report.progress import describe, period, stage
 from topo_search.report.run_page import run_page
-from topo_search.study import Observer, RunFolder
-from topo_search.study.ledger import Row
-from topo_search.study.progress import Phase, Plan
-from topo_search.study.time_left import TimeLeft
+from topo_search.study import Observer, Phase, Plan, Row, RunFolder, TimeLeft
 
 LOOPBACK = "127.0.0.1"
 """Address of the server; other machines cannot reach it."""

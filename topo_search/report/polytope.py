@@ -12,8 +12,7 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from topo_search.export import palette
-from topo_search.model import Audit, Design, LoadCase
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Audit, Design, LoadCase
 from topo_search.model.largest_value import ability
 from topo_search.model.maximized import RESERVES, balls_of
 from topo_search.report import Figure

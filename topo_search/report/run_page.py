@@ -29,11 +29,8 @@ from topo_search.report.wording import (
     rounded_up,
     sentence,
 )
-from topo_search.study import Answer, FrontPoint, SizeAnswer, answer_of
+from topo_search.study import NEAR_BEST, Answer, FrontPoint, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.columns import kind_of
-from topo_search.study.directory import RunFile
-from topo_search.study.folder import RunFolder
-from topo_search.study.ledger import NEAR_BEST, Row
 from topo_search.study.proofs import candidates_of
 from topo_search.study.request import NO_INPUTS, UserInputs
 

@@ -13,11 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from topo_search.export import palette, solids
 from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
 from topo_search.export.solids import cylinder, join
-from topo_search.model import Assembly, Audit, Clearance, Design, Status
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Audit, Clearance, Design, Module, Status
 from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
-from topo_search.model.module import Module
 from topo_search.report.wording import clearance
 from verify.kinematics import Platform
 

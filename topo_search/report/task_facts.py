@@ -4,12 +4,11 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from topo_search.limits import vector
-from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task
+from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task, Tolerances
 from topo_search.model.folds import folds_text
 from topo_search.model.kinds import is_zero
 from topo_search.model.largest_value import AT_POINT, ability
 from topo_search.model.proven import upper_text
-from topo_search.model.sensitivity import Tolerances
 from topo_search.report.wording import figures, length, quantity
 
 Facts = tuple[str, Sequence[tuple[str, str]]]

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import LoadCase, Module, ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, LoadCase, Module, ResolvedTask
 from topo_search.model.corners import to_corners
 from topo_search.topologies.rooted import Group, Symmetry, group_of
 

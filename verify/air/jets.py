@@ -62,8 +62,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Module
-from verify.bodies import Array
+from topo_search.model import Array, Module
 
 
 class JetModel(NamedTuple):

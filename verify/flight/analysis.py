@@ -31,12 +31,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import CaseFlight, Design, Flight, JointLoad, LoadCase, RotorsOut, Wrench
+from topo_search.model import Array, CaseFlight, Design, Flight, JointLoad, LoadCase, RotorsOut, Wrench
 from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
 from verify.assembly import rod_moment
-from verify.bodies import Array
 from verify.flight.balls import (
     TORQUES,
     BallBound,

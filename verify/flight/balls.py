@@ -54,8 +54,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from topo_search.model import Array
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array
 from verify.flight.programs import Bounds, find_solutions, greatest, times
 from verify.meshes import Indices
 

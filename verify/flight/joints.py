@@ -22,8 +22,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Design, JointLoad, LoadCase
-from verify.bodies import Array
+from topo_search.model import Array, Design, JointLoad, LoadCase
 from verify.kinematics import Platform
 from verify.residuals import clamp
 

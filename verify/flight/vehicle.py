@@ -18,10 +18,9 @@ import math
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from topo_search.model import Flight, LoadCase, Task
+from topo_search.model import Array, Flight, LoadCase, Task
 from topo_search.model.load_case import labels
 from topo_search.model.vehicle import Capability, Vehicle
-from verify.bodies import Array
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.balls import Polytopes, largest_balls
 from verify.flight.programs import Bounds, greatest

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from verify.bodies import Array
+from topo_search.model import Array
 from verify.proof.platform import CheckProblem, Indices
 
 MAX_WIDTH = 1.6

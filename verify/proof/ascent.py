@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from verify.bodies import Array
+from topo_search.model import Array
 from verify.proof.dual import residual
 from verify.proof.platform import ROTORS, CheckProblem, Indices
 from verify.proof.points import MAX_POINTS, Points, fill_condition_inverse

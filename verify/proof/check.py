@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from topo_search.compiled_code import is_cached, refresh
-from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, proven
+from topo_search.model import Array, CheckedChunk, Chunk, ResolvedTask, Topology, proven
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, most_effort, proof_task
 from topo_search.model.topology import straight_chain
-from verify.bodies import Array
 from verify.proof import replay
 from verify.proof.platform import (
     angles_around,

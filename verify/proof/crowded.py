@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from topo_search.compiled_code import njit
-from verify.bodies import Array
+from topo_search.model import Array
 from verify.proof.arcs import ArcFrames
 from verify.proof.platform import CheckProblem, Indices
 

@@ -39,8 +39,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
+from topo_search.model import Array
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import ROTORS, CheckProblem
 from verify.proof.rod import rod_loss

@@ -41,13 +41,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model import PORT_DIRECTIONS, Array, LoadCase, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.rotors import x_quadrotor
-from verify.bodies import Array
 from verify.proof.rod import RodInterval, rod_interval
 from verify.requirements import half_spaces
 

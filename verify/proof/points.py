@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from verify.bodies import Array
+from topo_search.model import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import ROTORS, CheckProblem
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from verify.bodies import Array
+from topo_search.model import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import ArcFrames
 from verify.proof.crowded import find_crowded_pair

@@ -33,9 +33,8 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import ResolvedTask
+from topo_search.model import Array, ResolvedTask
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array
 
 
 class RodInterval(NamedTuple):

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from nlp.bounds.branch.rod import RodChange, rod_change, wrenches
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
-from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, LoadCase, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.kinds import Vector

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from nlp.bounds.branch.arrays import centre, effort_unit, hinge_angles, is_symmetric, reroot, to_arrays, whole_box
-from topo_search.model import Chunk, ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Chunk, ResolvedTask, Topology
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, most_effort
 from topo_search.model.topology import straight_chain
 

@@ -45,8 +45,7 @@ import numpy as np
 
 from nlp.numbers.masses import Masses
 from nlp.units import Units
-from topo_search.model import LoadCase, ResolvedTask
-from topo_search.model.arrays import Array
+from topo_search.model import Array, LoadCase, ResolvedTask
 from topo_search.model.proven import TOLERANCE
 
 

@@ -71,8 +71,7 @@ from scipy.special import ndtri
 
 from topo_search.engine.proposals.trials import HALVING, Idea, Merit, TreeSampler, steps
 from topo_search.engine.strategy import Candidates, Tried
-from topo_search.model import Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model import PORT_DIRECTIONS, Array, Topology
 from topo_search.topologies.rooted import Connectors
 
 Indices = NDArray[np.int_]
