@@ -2,17 +2,23 @@
 
 import importlib.util
 import io
+import os
+import pty
 import re
 import statistics
+import subprocess
+import sys
 from pathlib import Path
 from random import Random
 
+import nbformat
 import pytest
 import toy_problem
+from nbclient import NotebookClient
 from rich.console import Console
 from toy_problem import toy_run
 
-from topo_search.cli.progress import Bar
+from topo_search.report.bar import Bar
 from topo_search.report.progress import Lines, describe_plan
 from topo_search.study import Phase, Plan, TimeLeft
 from topo_search.study.progress import WRITING, audit_phase, duration, proof_phase
@@ -53,6 +59,47 @@ def test_plain_lines_come_now_and_then_without_control_characters(monkeypatch):
     )
     assert len(lines) == 2 + 5
     assert all(line.isprintable() for line in lines)
+
+
+SEARCH = """
+import sys
+sys.path.append(TESTS)
+import toy_problem
+from topo_search import search
+from topo_search.compose import searching
+searching.backends, searching.open_engine = lambda _: toy_problem.BACKENDS, lambda *_: toy_problem.InProcess(1)
+searching.write_page = lambda _: None
+search(toy_problem.toy_task(3), out="run", starts=2, workers=1).best.key
+""".replace("TESTS", repr(str(Path(__file__).parent)))
+
+
+def test_a_search_in_python_shows_a_bar_in_a_terminal_and_nothing_elsewhere(tmp_path):
+    (tmp_path / "search.py").write_text(SEARCH)
+    command = [sys.executable, "search.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    ours, terminal = pty.openpty()
+    (tmp_path / "run").rename(tmp_path / "other")
+    subprocess.run(command, cwd=tmp_path, stderr=terminal, check=True)
+    assert b"auditing 3 modules" in os.read(ours, 100_000)
+
+
+def test_a_search_in_a_notebook_shows_a_line_that_vanishes(tmp_path):
+    lines = []
+
+    class Client(NotebookClient):
+        def process_message(self, message, *given):
+            if message["msg_type"] == "update_display_data":
+                lines.append(message["content"]["data"]["text/plain"])
+            return super().process_message(message, *given)
+
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(SEARCH)])
+    Client(book, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    assert lines[0].startswith("plan: 3 modules: 3 candidates")
+    assert "auditing 3 modules: 3 designs" in lines
+    shown, answer = book.cells[0].outputs
+    assert shown.data == {"text/plain": lines[-1]} == {"text/plain": ""}
+    assert answer.data["text/plain"] == "'aa00'"
 
 
 def test_the_plan_names_candidates_starts_workers_stages_and_time():

@@ -136,6 +136,8 @@ def keep(content: nbformat.NotebookNode, path: Path) -> None:
     """Write what the site shows: a picture in few colours rather than its data, and no times of this run."""
     for cell in content.cells:
         cell.metadata = {}
+        if "outputs" in cell:  # without the lines of progress that have vanished
+            cell.outputs = [output for output in cell.outputs if output.get("data") != {"text/plain": ""}]
         for output in cell.get("outputs", []):
             data = output.get("data", {})
             if "image/png" in data:

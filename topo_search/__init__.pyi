@@ -58,16 +58,16 @@ from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 from topo_search.report.charts import plot_candidates, plot_front, plot_history
 from topo_search.report.progress import Lines
 from topo_search.report.task_warnings import SuspiciousTask, read_task
-from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
+from topo_search.study import Answer, LedgerLost, Observer, Row, SilentObserver, SizeAnswer, Solved, read_answer
 
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
     "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior", "Fault",
     "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
     "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
-    "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status",
-    "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler", "Tried",
-    "WorkersLost", "Wrench", "airflow", "audit", "capability", "check", "clearances", "compare",
+    "ResolvedTask", "Row", "Search", "SilentObserver", "SizeAnswer", "Solved", "Stated", "StatedCheck",
+    "Status", "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler",
+    "Tried", "WorkersLost", "Wrench", "airflow", "audit", "capability", "check", "clearances", "compare",
     "export_design", "figure", "fly", "kit", "plot_candidates", "plot_front", "plot_history", "plot_platform",
     "prove", "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search",
     "solve", "to_json", "to_toml", "write_report",

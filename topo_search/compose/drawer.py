@@ -48,7 +48,7 @@ def kit(
         tolerance_deg: width of the range of hinge angles that one bracket may serve [deg]. Designs whose angles are
             moved to the middle of such a range are also choices, if they are clear.
         workers: worker processes of a search; default: the cores available.
-        observer: receives the progress of searches.
+        observer: receives the progress of searches; default: as for `search`.
         note: called with remarks, such as on the clearance of brackets.
 
     Raises:

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -30,8 +30,9 @@ from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
+from topo_search.report.progress import visible_progress
 from topo_search.report.task_warnings import warn
-from topo_search.study import Answer, Checked, Observer, SilentObserver, run
+from topo_search.study import Answer, Checked, Observer, run
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
 from topo_search.study.optima import keep_optima
@@ -100,7 +101,7 @@ def search(
         keep_within: keep every local optimum with a clear audit and at most this much more effort than the
             best [%].
         maximize: quantity of which the best platform has the largest value, as `search.maximize` of the task.
-        observer: receives progress.
+        observer: receives progress; default: a bar in a terminal, a line in a notebook, else `SilentObserver()`.
         live: serve the page to this machine while the search runs; the observer receives its address as a note.
 
     Raises:
@@ -163,22 +164,23 @@ def search(
         resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(checked, resolved, topology)
         nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
-    observer, deadline = observer or SilentObserver(), time.monotonic() + time_limit
+    deadline = time.monotonic() + time_limit
 
     def prepare() -> None:
         nonlocal deadline
-        engine.prepare(nlp.prepare, base_task, observer.note)
+        engine.prepare(nlp.prepare, base_task, shown.note)
         deadline = time.monotonic() + time_limit
 
     def prove_best() -> Answer:
         return _prove(path, engine, listener, gap=prove, time_limit=deadline - time.monotonic())
 
-    live_page: AbstractContextManager[Observer] = nullcontext(observer)
-    if live:
-        from topo_search.report.live import serve_live
+    from topo_search.report.live import serve_live
 
-        live_page = serve_live(path, observer)
-    with open_engine(workers, dask, observer) as engine, live_page as listener:
+    with (
+        visible_progress(observer) as shown,
+        open_engine(workers, dask, shown) as engine,
+        serve_live(path, shown) if live else nullcontext(shown) as listener,
+    ):
         return run(
             request,
             path,
@@ -223,7 +225,7 @@ def prove(
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: as for `search`.
         time_limit: stop after this time and keep the proofs so far [s].
-        observer: receives progress.
+        observer: as for `search`.
 
     Raises:
         BadInput: the folder is not a run, has no audited design or no such tree, or is in use by another process;
@@ -237,10 +239,9 @@ def prove(
         True
     """
     _refuse_gap("gap", gap)
-    observer = observer or SilentObserver()
-    with open_engine(workers, dask, observer) as engine:
+    with visible_progress(observer) as shown, open_engine(workers, dask, shown) as engine:
         options = {"gap": gap, "key": topology, "problem": problem, "time_limit": time_limit}
-        return _prove(Path(folder), engine, observer, source_run=lender and Path(lender), **options)
+        return _prove(Path(folder), engine, shown, source_run=lender and Path(lender), **options)
 
 
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
@@ -272,22 +273,21 @@ def check_proofs(
         topology: key of a single tree to check; default: all trees.
         workers: as for `search`.
         dask: as for `search`.
-        observer: receives progress.
+        observer: as for `search`.
 
     Raises:
         BadInput: the folder is not a run, or has no audited design or no such tree.
         WorkersLost: as for `search`.
     """
-    observer = observer or SilentObserver()
-    with open_engine(workers, dask, observer) as engine:
+    with visible_progress(observer) as shown, open_engine(workers, dask, shown) as engine:
         return check_run(
             Path(folder),
             verify.check_chunk,
             verify.audit,
             key=topology,
             engine=engine,
-            observer=observer,
-            prepare=partial(engine.prepare, verify.prepare_check, note=observer.note),
+            observer=shown,
+            prepare=partial(engine.prepare, verify.prepare_check, note=shown.note),
         )
 
 

@@ -50,7 +50,8 @@ from topo_search.model.files import load_json, load_text, write_atomically
 from topo_search.model.task_file import read_task
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
-from topo_search.study import Observer, Phase, SilentObserver
+from topo_search.report.progress import visible_progress
+from topo_search.study import Observer, Phase
 from topo_search.study.directory import lock
 from topo_search.study.folder import make_folder, refusal
 from topo_search.study.ledger_file import KEPT
@@ -225,14 +226,13 @@ def conduct(
         settings: its conditions.
         out: its folder; cells that have a row there are skipped, failed ones are tried again.
         workers: worker processes; default: the cores available. Times are CPU times, but cores share caches.
-        observer: receives progress.
+        observer: receives progress; default: as for `search`.
         backends: solver and audit.
 
     Raises:
         BadInput: a variant does not fit its task, or the folder holds rows of other conditions.
         KeyboardInterrupt: Ctrl-C was pressed; all rows are kept, and a note (PEP 678) says so.
     """
-    observer = observer or SilentObserver()
     cells = study.cells(settings)
     for cell in {(cell.task, cell.variant, cell.distance_m): cell for cell in cells}.values():
         cell.resolve()  # refuse task and variant that do not fit before any work
@@ -245,18 +245,19 @@ def conduct(
     with (
         open_record(Path(out), study.name, settings, command) as (done, add),
         Workers(workers or available_cores()) as pool,
+        visible_progress(observer, lambda _: "") as shown,
     ):
         for n, size in groupby((cell for cell in cells if identity(cell.row) not in done), key=lambda cell: cell.n):
             missing = list(size)
-            nlp.prepare(missing[0].resolve(), observer.note)
-            observer.phase(Phase("searching", n, len(missing), settings.starts))
+            nlp.prepare(missing[0].resolve(), shown.note)
+            shown.phase(Phase("searching", n, len(missing), settings.starts))
             try:
                 for cell, row in pool.run(measured, missing, deadline=deadline):
                     if isinstance(row, Failed):
                         add(cell.row | {"status": "failed", "worst_constraint": row.reason})
                     else:
                         add(row)
-                    observer.settled(None)
+                    shown.settled(None)
             except KeyboardInterrupt as stop:
                 stop.add_note(KEPT)
                 raise
