@@ -20,7 +20,6 @@ from nlp.numbers.geometry import fold_excess, root_angles, root_rotation
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import (
-    PAPER_ROOT,
     WRENCH_TOLERANCE,
     required_wrenches,
     running_rotors,
@@ -75,9 +74,9 @@ def _bounds(point: Point) -> Iterator[Violation]:
         yield Violation(f"{label}, smallest rotor input", under, "rad^2/s^2", under / task.max_input)
     for i, excess in enumerate(fold_excess(task, point.topology, point.alpha).tolist(), start=1):
         yield Violation(f"hinge angle of module {i}", excess, "rad", excess)
-    if task.search.root == "paper":
-        for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):
-            yield Violation(f"root orientation, {name}", abs(angle) - limit, "rad", abs(angle) - limit)
+    for (name, (low, high)), angle in zip(task.search.root_ranges.items(), point.root.tolist(), strict=False):
+        excess = max(low - angle, angle - high)
+        yield Violation(f"root orientation, {name}", excess, "rad", excess)
     offset, position = point.tip - point.p_COM, task.end_effector.fixed_position
     too_far = float(np.linalg.norm(offset)) - task.farthest_end_effector(point.topology.n)
     yield Violation(names.REACH, too_far, "m", too_far / l_arm)
@@ -127,7 +126,7 @@ def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
     if weightless.any():
         lower, upper = (limit[weightless] for limit in bounds)
         u[weightless] = _smallest_inputs(point, A, b[weightless], u[weightless], (lower, upper))
-    root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
+    root = point.root if point.task.search.root_ranges else root_angles(root_rotation(point.root))
     return replace(point, root=root, u=u.reshape(point.u.shape))
 
 

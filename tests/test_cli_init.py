@@ -17,7 +17,7 @@ from topo_search.model.task_file import read_task, task_template
 
 EXAMPLES = (
     "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|"
-    "centre_margin|hinge_step_deg|hinge_angles_deg|joint_mass|axis|within_deg|maximize"
+    "centre_margin|root_orientation_deg|hinge_step_deg|hinge_angles_deg|joint_mass|axis|within_deg|maximize"
 )
 """Fields without a default, where the file has an example, and one from which loads derive."""
 SLIPSTREAMS = {"airflow": {"regions": {}}}

@@ -196,6 +196,16 @@ def test_the_papers_root_keeps_to_its_angles(root, names):
         assert {name for name in failing(result) if name.startswith("root")} == expected
 
 
+def test_a_given_root_is_kept_to_in_every_angle():
+    for axis, name in enumerate(("psi", "alpha_0", "alpha_1")):
+        given = [0.1, 0.5, -0.5]
+        task = {"search": {"root_orientation_deg": np.degrees(given).tolist()}}
+        for change, expected in ((0.0, set()), (1e-4, {f"root orientation, {name}"})):
+            given[axis] += change
+            result = audit(fan(task, root=tuple(given)))
+            assert {name for name in failing(result) if name.startswith("root")} == expected
+
+
 @pytest.mark.parametrize(("child_port", "broken"), [(2, False), (0, False), (1, True), (3, True)])
 def test_ports_against_the_connector_family(child_port, broken):
     turned = Topology(((-1, -1, -1), (0, 0, child_port), (0, 2, 0)))

@@ -548,14 +548,14 @@ def test_what_cannot_be_looked_at_is_refused(pair):
         assert why in check_chunk(*given).fault
 
 
-@pytest.mark.parametrize("root", ["free", "paper"])
+@pytest.mark.parametrize("search", [{}, {"root": "paper"}, {"root_orientation_deg": [10.0, -20.0, 170.0]}])
 @pytest.mark.parametrize("n", [1, 2, 3, 6])
-def test_chunks_of_prover_and_checker_cover_all_angles_and_share_no_more_than_faces(n, root):
+def test_chunks_of_prover_and_checker_cover_all_angles_and_share_no_more_than_faces(n, search):
     """The checker's reach as far as an audit lets angles pass."""
-    task = push(n, search={"root": root})
+    task = push(n, search=search)
     most = checked_box(task, n)[1]
     assert np.all(most[3:] > math.pi / 2 + 1e-6)
-    assert root == "paper" or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
+    assert search or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
     for chunk, whole in ((branch.chunk_box, whole_box), (chunk_box, checked_box)):
         least, most = whole(task, n)
         boxes = [chunk(task, n, number) for number in range(chunk_count(n))]

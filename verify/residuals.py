@@ -98,11 +98,10 @@ def _angles(design: Design) -> Iterator[Residual]:
             nearest = min(map(math.radians, allowed), key=lambda angle: abs(angle - alpha))
             name = f"hinge angle of module {i} against the task's set"
             yield residual(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, claim=alpha, derived=nearest)
-    if design.task.search.root == "paper":
-        for name, angle, limit in zip(
-            ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True
-        ):
-            yield residual(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, claim=angle)
+    ranges = design.task.search.root_ranges.items()
+    for (name, (low, high)), angle in zip(ranges, design.root_orientation_rad, strict=False):
+        beyond = max(0.0, low - angle, angle - high)
+        yield residual(f"root orientation, {name}", beyond, "rad", 1.0, claim=angle)
 
 
 def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:

@@ -20,8 +20,6 @@ from topo_search.model import Array, ResolvedTask, Topology
 
 WRENCH_TOLERANCE = 1e-8
 """Largest allowed wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
-PAPER_ROOT = {"psi": 0.0, "alpha_0": math.pi / 2, "alpha_1": math.pi / 2}
-"""Limits of the root angles in the paper, of either sign [rad]; otherwise they are free."""
 
 
 def angular_accelerations(task: ResolvedTask) -> Array:
@@ -94,8 +92,8 @@ def variable_bounds(
 
     Each hinge has the range nearest to its angle in alpha (n-1,) [rad], or without alpha the hull of its ranges.
     """
-    free, paper = (-math.inf, math.inf), task.search.root == "paper"
-    bounds = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
+    free = (-math.inf, math.inf)
+    bounds = [*task.search.root_ranges.values()] or [free] * 3
     bounds += zip(*ranges(task, topology, alpha), strict=True)
     bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
     shares = running_rotors(task).ravel()

@@ -93,7 +93,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
     upright, yaw = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
-    if task.search.root == "free":
+    if not task.search.root_ranges:
         yaw = rng.uniform(-np.pi, np.pi)
     origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
 
@@ -104,7 +104,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     if cone is None:
         start = start_at(yaw)
         return with_inputs(replace(start, tip=_end_effector(start, rng)))
-    yaws = yaw + 2 * np.pi / DRAWING.turns * np.arange(DRAWING.turns if task.search.root == "free" else 1)
+    yaws = yaw + 2 * np.pi / DRAWING.turns * np.arange(1 if task.search.root_ranges else DRAWING.turns)
     starts = [_with_least_norm(replace(start, tip=_apex(start, cone))) for start in map(start_at, yaws)]
     cheap = min(start.objective for start in starts) * (1.0 + DRAWING.tie)
     return _clip_inputs(next(start for start in starts if start.objective <= cheap))
@@ -118,8 +118,8 @@ def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> A
 
 def root_of(task: ResolvedTask, R: Array) -> Array:
     """Return the root angles of an orientation, clipped to their bounds if there are any."""
-    root = root_angles(R)
-    return root if task.search.root == "free" else np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
+    root, ranges = root_angles(R), [*task.search.root_ranges.values()]
+    return np.clip(root, *np.transpose(ranges)) if ranges else root
 
 
 def _end_effector(start: Point, rng: np.random.Generator) -> Array:

@@ -38,8 +38,8 @@ class StartData(NamedTuple):
     """ANYWHERE, UPSTREAM or CONE."""
     stand_off: float
     """[l_arm]."""
-    paper: bool
-    """True if psi is zero and both root angles are bounded, as in the paper."""
+    bounded: bool
+    """True if the root's angles are bounded or given."""
 
 
 def start_data(task: ResolvedTask, topology: Topology) -> StartData:
@@ -51,7 +51,7 @@ def start_data(task: ResolvedTask, topology: Topology) -> StartData:
         upstream_of(task),
         CONE if is_aimed(task) else UPSTREAM if task.exposure else ANYWHERE,
         task.end_effector.stand_off / task.module.arm_length,
-        task.search.root == "paper",
+        bool(task.search.root_ranges),
     )
 
 
@@ -104,7 +104,7 @@ def _place_start(
     lift, force = np.zeros(3), data.force
     for i in range(n):
         lift += R_i[i, :, 2]
-    yaw = 0.0 if data.paper else 2 * math.pi * random[0] - math.pi
+    yaw = 0.0 if data.bounded else 2 * math.pi * random[0] - math.pi
     R = _rotation_about(force, yaw) @ _rotation_between(lift, force)
     x[0] = math.atan2(-R[0, 1], R[1, 1])
     x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))

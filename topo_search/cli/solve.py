@@ -101,7 +101,8 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
         if len(task.sizes) > 1:
             raise ts.BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
         search = task.search
-        (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
+        rooting: Any = "paper" if search.root_ranges else "free"
+        (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=rooting)
         return topology
     raise click.UsageError("give either --topology or --sample-seed")
 

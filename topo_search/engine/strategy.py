@@ -172,7 +172,7 @@ class Candidates(Family):
             symmetry: symmetry under which trees are merged into one candidate.
             rooted: whether trees that differ only in their root are separate candidates, even if the root is free.
         """
-        root: Root = "paper" if rooted else task.search.root
+        root: Root = "paper" if rooted or task.search.root_ranges else "free"
         super().__init__(task.n, symmetry=symmetry, connectors=task.search.connectors, root=root, task=task)
         self.task = task
 

@@ -46,6 +46,9 @@ class Search(Value):
 
     root: Literal["free", "paper"] = "free"
     """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
+    root_orientation_deg: Omitted[Vector] = None
+    """The root's psi, alpha_0 and alpha_1, R = Rz(psi) Rx(alpha_0) Ry(alpha_1) [deg]; default: found by the
+    search."""
     connectors: Literal["aligned", "any"] = "aligned"
     """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
     # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; a margin of 1.1e-8 m would have made
@@ -84,6 +87,16 @@ class Search(Value):
         return self.margin if self.centre_margin is None else min(self.margin, self.centre_margin)
 
     @property
+    def root_ranges(self) -> dict[str, tuple[float, float]]:
+        """Ranges of the root's angles, so that it matters which module is the root [rad]; empty: any attitude."""
+        tilts, ranges = (-math.pi / 2, math.pi / 2), list[tuple[float, float]]()
+        if self.root_orientation_deg is not None:
+            ranges = [(angle, angle) for angle in map(math.radians, self.root_orientation_deg)]
+        elif self.root == "paper":
+            ranges = [(0.0, 0.0), tilts, tilts]
+        return dict(zip(("psi", "alpha_0", "alpha_1"), ranges, strict=False))
+
+    @property
     def hinge_set_deg(self) -> tuple[float, ...] | None:
         """Allowed hinge angles in ascending order, both signs of each [deg]; None if any angle is allowed.
 
@@ -103,6 +116,12 @@ class Search(Value):
         return self.model_copy(update={"hinge_step_deg": None, "hinge_angles_deg": None})
 
     def _broken_rules(self) -> Broken:
+        if (given := self.root_orientation_deg) is not None:
+            if self.root == "paper":
+                yield "root_orientation_deg", f'must be left out with root = "paper", but got {show(given)}'
+            if any(abs(angle) > limit for angle, limit in zip(given, (180, 90, 180), strict=True)):
+                rule = "must be psi within +-180, alpha_0 within +-90 and alpha_1 within +-180"
+                yield "root_orientation_deg", f"{rule}, but got {show(given)}"
         if self.hinge_step_deg is not None and self.hinge_angles_deg is not None:
             text = f"must be left out if hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
             yield "hinge_step_deg", text

@@ -212,6 +212,9 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     if body is not None and search_distance is not None and search_distance > body:
         centres += f"; the search keeps {upper_text(search_distance, 4)} m, so that no parts can touch"
     root = "any orientation" if search.root == "free" else "two angles of at most 90°, as in the paper"
+    if search.root_orientation_deg is not None:
+        psi, alpha_0, alpha_1 = map(figures, search.root_orientation_deg)
+        root = f"psi = {psi}°, alpha_0 = {alpha_0}°, alpha_1 = {alpha_1}°"
     return (
         *([] if search.maximize is None else [("the best platform", f"{ability(task)}, as much as possible")]),
         ("root module", root),

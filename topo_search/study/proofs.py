@@ -287,7 +287,8 @@ def problem(task: ResolvedTask, about: Problem) -> str:
         distances += f"; with {', '.join(requirements)}"
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
-    root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
+    given = "the paper's orientations" if task.search.root == "paper" else "the given orientation"
+    root = f"{given} of the root" if task.search.root_ranges else "any orientation"
     attitude = f", the same for all wrenches ({task.attitude.strip()})" if task.attitude else ""
     effect = "raise the control effort" if task.search.maximize is None else "lower what a platform holds"
     is_set = task.search.hinge_set_deg is not None

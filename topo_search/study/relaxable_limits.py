@@ -239,9 +239,13 @@ def _switches(task: Task, n: int) -> Iterator[Relaxable]:
     def switch(limit: str, field: str, free: Callable[[Task], Task]) -> Relaxable:
         return Relaxable(task, n, limit, field, "freeing it", 1.0, lambda task, _: free(task), is_switch=True)
 
-    if task.search.root == "paper":
-        field = 'search.root = "free"'
-        yield switch("orientation of the root", field, lambda task: task.with_fields("search", root="free"))
+    if task.search.root_ranges:
+        field = 'search.root = "free"' if task.search.root == "paper" else "search.root_orientation_deg left out"
+
+        def free_root(task: Task) -> Task:
+            return task.with_fields("search", root="free", root_orientation_deg=None)
+
+        yield switch("orientation of the root", field, free_root)
     if task.search.hinge_set_deg is not None:
         field = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
         free = {"search": task.search.any_angle}

@@ -254,7 +254,8 @@ class Request:
         if inputs.topologies is not None:
             keys = [key for key in inputs.topologies if len(key) - 1 == n]
             return ListedCandidates(task, keys), Resolution("c1", True, "every listed topology is a candidate")
-        by_number, by_mirror, free = inputs.module_sensitive, inputs.mirror_sensitive, task.search.root == "free"
+        by_number, by_mirror = inputs.module_sensitive, inputs.mirror_sensitive
+        free = not task.search.root_ranges
         if self.symmetry == "task" and by_number is not None:
             reason = f"every rooted tree is a candidate: {by_number!r} may depend on module numbers"
             return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)

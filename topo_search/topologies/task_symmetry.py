@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from topo_search.model import Array, LoadCase, Module, ResolvedTask
 from topo_search.model.corners import to_corners
-from topo_search.topologies.rooted import Group, Symmetry, group_of
+from topo_search.topologies.rooted import Group, Root, Symmetry, group_of
 
 TOLERANCE = 1.0e-9
 """Largest difference of two vectors that count as equal, relative to the longer one."""
@@ -288,13 +288,15 @@ class Resolution:
 
 def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolution:
     """Apply a symmetry to a task; ValueError for an unknown symmetry."""
-    connectors, root = task.search.connectors, task.search.root
+    connectors = task.search.connectors
+    root: Root = "paper" if task.search.root_ranges else "free"
     isometry, exact = improper_isometry(task), exact_group(task)
     group = group_of(symmetry, connectors=connectors, root=root, exact=exact)
     if root == "paper":
+        attitude = "the paper's root" if task.search.root == "paper" else "the root's attitude given"
         if group == "c1":
-            return Resolution(group, True, "with the paper's root no two rooted trees are the same design")
-        return Resolution(group, False, "lossy: with the paper's root only the identity is exact")
+            return Resolution(group, True, f"with {attitude} no two rooted trees are the same design")
+        return Resolution(group, False, f"lossy: with {attitude} only the identity is exact")
     changed = "half a turn changes the module"
     if exact == "c1" and symmetry != "task" and (group != "c1" or connectors == "any"):
         return Resolution(group, False, f"lossy: {changed}")

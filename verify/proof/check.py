@@ -104,7 +104,7 @@ def _invalid_input(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, p
         return f"the task has {task.n} modules, but the tree {n}"
     if chunk.number >= chunk_count(n):
         return f"there is no chunk {chunk.number}"
-    if root_module >= n or (task.search.root == "paper" and root_module != 0):
+    if root_module >= n or (task.search.root_ranges and root_module != 0):
         return f"angles cannot be counted from module {root_module}"
     if chunk.outcome != "closed":
         return "it is not closed"

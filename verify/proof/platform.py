@@ -280,11 +280,10 @@ def reroot(topology: Topology, root: int) -> Topology:
 def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     """Return the least and greatest angles of a design with a clear audit, shape (n + 2,) [rad]."""
     hinge_limit = math.pi / 2 + 2 * TOLERANCE
-    root = [PI_ROUNDED_UP, PI_ROUNDED_UP / 2, PI_ROUNDED_UP]
-    if task.search.root == "paper":
-        root = [2 * TOLERANCE, hinge_limit, hinge_limit]
-    largest = np.array([*root, *(hinge_limit for _ in range(n - 1))])
-    lower, upper, angles = -largest, largest, hinge_angles(task)
+    largest = np.array([PI_ROUNDED_UP, PI_ROUNDED_UP / 2, PI_ROUNDED_UP, *(hinge_limit for _ in range(n - 1))])
+    lower, upper, angles = -largest, largest.copy(), hinge_angles(task)
+    for axis, (low, high) in enumerate(task.search.root_ranges.values()):
+        lower[axis], upper[axis] = low - 2 * TOLERANCE, high + 2 * TOLERANCE
     if len(angles):
         lower[3:], upper[3:] = angles.min(), angles.max()
     return lower, upper
@@ -301,7 +300,7 @@ def turns_about_vertical(task: ResolvedTask, problem: Problem) -> bool:
     for case in proof_task(bare, problem).load_cases:
         for wrench in (case.at_end_effector, case.at_com):
             sides += [wrench.force, wrench.torque]
-    is_free = task.search.root == "free" and problem == "task" and len(_walls(task)[0]) == 0
+    is_free = not task.search.root_ranges and problem == "task" and len(_walls(task)[0]) == 0
     return is_free and all(x == 0.0 == y for x, y, _ in sides)
 
 

@@ -253,11 +253,10 @@ def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
     """Return the least and greatest angles of a design, with the audit's tolerance, shape (A,) each [rad]."""
     angles = hinge_angles(task)
     hinge_limit = np.full(n - 1, math.pi / 2 + TOLERANCE)
-    root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
-    if task.search.root == "paper":
-        root = [TOLERANCE, math.pi / 2 + TOLERANCE, math.pi / 2 + TOLERANCE]
-    largest = np.concatenate([root, hinge_limit])
+    largest = np.concatenate([[HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN], hinge_limit])
     lower, upper = -largest, largest.copy()
+    for axis, (low, high) in enumerate(task.search.root_ranges.values()):
+        lower[axis], upper[axis] = low - TOLERANCE, high + TOLERANCE
     if len(angles):
         lower[3:], upper[3:] = angles[0], angles[-1]
     return lower, upper
@@ -273,7 +272,7 @@ def is_symmetric(task: ResolvedTask, problem: Problem) -> bool:
     wrenches = [w for case in task.load_cases for c in (case, *case.corners) for w in (c.at_end_effector, c.at_com)]
     vectors = [task.end_effector.fixed_position or NOWHERE, *(v for w in wrenches for v in (w.force, w.torque))]
     vertical = not any(x or y for x, y, _ in vectors)
-    is_free = task.search.root == "free" and not len(_walls(task, Units.of(task)).normal)
+    is_free = not task.search.root_ranges and not len(_walls(task, Units.of(task)).normal)
     return problem == "task" and task.flight.com_error == 0 and vertical and is_free
 
 
@@ -281,7 +280,7 @@ def centre(task: ResolvedTask, topology: Topology) -> int:
     """Return the root module of a tree in a proof: its centre, the first of two."""
     import networkx as nx
 
-    return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
+    return 0 if task.search.root_ranges else min(nx.center(topology.graph()))
 
 
 def reroot(topology: Topology, root: int) -> Topology:
