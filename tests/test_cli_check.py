@@ -14,6 +14,7 @@ import pytest
 from commands import invoke, refused
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon
+from wording import says
 
 import nlp
 from topo_search.export.task_picture import VIEWS, task_figure
@@ -52,6 +53,8 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert cases["load case 2"] == "force at the centre of mass [0, 0, 12.2] N = [0, 0, 1] m_t g; weight 1"
     (paths,) = said["must stay out of the airflow"].values()
     assert paths == "capsules of radius 15 cm along 2 paths from the end-effector to [1, 0, 0], [1, 1, −1] m"
+    (inside,) = groups("wall-push")["airflow must stay where"].values()
+    assert says(inside, "[1, 0, 0] · x ≤ 0 mm", "solid: rotors, arms and rod too")
     assert said[SEARCH]["trees"].startswith("trees that differ only by turning modules by 180 deg are merged")
     assert said[SEARCH]["5 modules"].startswith("49 candidates; J at least ")
     assert said["module"]["figure of merit"] == "0.165, with rotors of 5 cm radius"

@@ -126,7 +126,7 @@ def test_the_closest_start_speaks_for_what_is_infeasible(monkeypatch):
 def test_a_single_start_is_called_so(monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     result = solve(range(1))
-    assert result.message == f"the only start misses `load case 0, torque` by {result.violation:.3g} N m"
+    assert result.message == f"the only start misses load case 0, torque by {result.violation:.3g} N m"
 
 
 def test_any_design_is_better_than_none(monkeypatch):

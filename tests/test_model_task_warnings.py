@@ -1,7 +1,6 @@
 """Which tasks are warned about, and which are not."""
 
 import copy
-import json
 import math
 import re
 from collections.abc import Iterator
@@ -309,33 +308,3 @@ def test_frames_that_reach_past_their_connectors(edge: float, warned: bool) -> N
     for hub in ([edge, 0.02, 0.02], [0.02, edge, 0.02]):
         given = {"name": "odd", "modules": 3, "load_cases": [HOVER], "module": {"body": {"hub": hub}}}
         assert any(one.words.startswith(start) for one in task_warnings(older_task(given))) is warned
-
-
-def test_a_rod_that_may_bend_far_is_warned_about() -> None:
-    """Only where a rod is asked for and a longer one than the default is allowed."""
-
-    def warnings(**fields: Any) -> list[str]:
-        given = read_task(
-            "window-cleaning", tuple(f"end_effector.{field}={json.dumps(value)}" for field, value in fields.items())
-        )
-        return [found.words for found in task_warnings(given) if found.path == "end_effector.largest_reach"]
-
-    assert warnings() == warnings(largest_reach=0.7) == warnings(largest_reach=2.0, rod="none") == []
-    assert warnings(largest_reach=2.0, rod_radius=0.02, rod_linear_density=0.5) == []
-    assert warnings(largest_reach=False, rod_linear_density=0.0) == []  # nothing is known of its wall
-    for reach, allows in ((0.8, "0.8 m allows"), (False, "false allows")):
-        (message,) = warnings(largest_reach=reach)
-        assert message.startswith(
-            f"{allows} rods longer than 0.714 m: at that length one of 10 mm diameter bends by"
-        )
-        assert "rod_deflection = 10 mm" in message
-
-
-def test_a_position_that_needs_a_long_rod_is_warned_about() -> None:
-    """A fixed position limits no rod by its deflection: the user chose how far away it is."""
-    for x, warned in ((0.3, False), (0.9, True)):
-        table = {"name": "t", "modules": 3, "load_cases": [HOVER], "end_effector": {"position": [x, 0.0, 0.0]}}
-        task = older_task(table)
-        paths = [found.path for found in task_warnings(task)]
-        assert ("end_effector.position" in paths) is warned
-        assert task.largest_reach(3) == pytest.approx(4 * 2 * 0.15 * 3**0.5)

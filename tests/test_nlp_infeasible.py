@@ -48,7 +48,7 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     assert result.violation > 0
     assert (result.status, result.topology, result.topology_key) == ("infeasible", FIVE, key)
     assert result.message.startswith(
-        f"the closest of 3 starts misses `{result.worst_constraint}` by {result.violation:.3g} {result.unit}; "
+        f"the closest of 3 starts misses {result.worst_constraint} by {result.violation:.3g} {result.unit}; "
     )
     reasons = [
         max(violations(outcome.point), key=lambda check: check.scaled - check.tolerance)
@@ -63,7 +63,7 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
         least = min(reason.amount for reason in reasons if reason.name == shortfall.constraint)
         assert shortfall.violation == pytest.approx(least, rel=1e-9)
         by = f"{lower_text(shortfall.violation, 2)} {shortfall.unit}"
-        assert f"`{shortfall.constraint}` (by {by} or more)" in result.message
+        assert f"{shortfall.constraint} (by {by} or more)" in result.message
     assert reasons[result.solver.start] is closest
     assert (result.solver.starts, result.solver.starts_feasible, result.solver.seed) == (3, 0, 0)
 

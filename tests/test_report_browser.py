@@ -310,10 +310,10 @@ def test_the_table_sorts_and_filters(opened: Open, tmp_path: Path, monkeypatch: 
     heading.click()
     assert column(page, "tree") == sorted(ranked, reverse=True)
     assert page.locator("#ranking th[aria-sort=descending]").inner_text().startswith("tree")
-    numbers = page.locator("#ranking th button", has_text="J / bound")
+    numbers = page.locator("#ranking th button", has_text="J over bound")
     for up in (True, False):
         numbers.click()
-        found = column(page, "J / bound")
+        found = column(page, "J over bound")
         values = [float(text) for text in found if text]
         assert values == sorted(values, reverse=not up)
         assert all(found[: len(values)])  # what has no number comes last, whichever way

@@ -91,7 +91,7 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
     ):
         flight = found.flight.model_copy(update={"cases": (changed, *found.flight.cases[1:])})
-        assert told(made, found.model_copy(update={"flight": flight}))["Side force reserve"] == expected
+        assert told(made, found.model_copy(update={"flight": flight}))["Side force"] == expected
 
 
 def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:

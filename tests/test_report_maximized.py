@@ -125,7 +125,11 @@ def test_the_ranking_and_the_tables_have_the_value(disc):
     cells = {name: cell for (name, *_), cell in zip(shown["columns"], shown["rows"][0], strict=True)}
     assert shown["merit"] == objective.column
     assert cells[objective.column] == 2.40004
-    assert (cells["asked for more than [N]"], cells["proven bound [N]"], cells["J / bound"]) == (2.3, 2.60004, None)
+    assert (cells["asked for more than [N]"], cells["proven bound [N]"], cells["J over bound"]) == (
+        2.3,
+        2.60004,
+        None,
+    )
     head, line = _rows((row,), objective)
     assert head.index(objective.column) < head.index("J [rad^4/s^4]")
     assert line.split()[1] == "2.4"

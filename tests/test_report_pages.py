@@ -71,9 +71,7 @@ def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):
     with RunFolder.load(tmp_path / "run") as folder:
         closest = min(folder.ledger.ranking(3), key=lambda row: row.violation)
         reason = folder.ledger.result(folder.request.contexts(3)[0], closest.key)
-    assert "`" in reason.message
-    assert "`" not in page.text
-    assert " ".join(reason.message.replace("`", " ").split()) in page.text
+    assert reason.message in page.text
     assert f"The nearest miss: {closest.key}, 3 modules" in page.text
     assert json.loads(page.data["view-data"])["parts"]
     assert (
@@ -194,7 +192,7 @@ def test_a_solid_plane_is_a_wall_beside_the_platform():
     made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
     at = platform(made)
     (wall,) = (part for part in scene(made, at) if part.kind == "walls")
-    assert wall.name == "wall"
+    assert wall.name == "solid region"
     assert wall.mesh.vertices[:, 0].min() == pytest.approx(at.end_effector[0])  # it begins where the platform ends
 
 

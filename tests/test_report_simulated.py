@@ -49,8 +49,8 @@ def test_flights_of_files_without_outcomes_are_shown_by_their_verdicts(audited, 
         del one["outcome"]
     (tmp_path / "flight.json").write_text(json.dumps(told))
     page = Reader(render(design_page(made, verdict, "mine.json", read_simulated(tmp_path, made))))
-    assert "Flight in simulation: not held" in page.text
-    assert "load case 0, wall not held 1.23 cm" in page.text
+    assert "Flight in simulation: not recovered" in page.text
+    assert "load case 0, wall not recovered 1.23 cm" in page.text
 
 
 def test_names_of_scenarios_stay_text(audited, tmp_path):

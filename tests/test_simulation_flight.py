@@ -62,9 +62,7 @@ def test_a_design_with_reserves_holds_everything(flown) -> None:
     )
     assert by_name["load case 1"].reason == "same as hover, flown above"
     assert "accelerate the platform by [2.94, 0.00, 0.00] m/s^2" in by_name["load case 2"].reason
-    tilts = [one for one in result.scenarios if one.name.startswith("tilt about")]
-    assert [(one.outcome, one.counts) for one in tilts] == [("recovered", False)] * 2 + [("saturated", False)] * 2
-    assert all(one.tilt_deg < 0.5 for one in tilts)
+    assert not any(name.startswith("tilt") for name in by_name)  # the task asks for none
     counting = [one for one in result.scenarios if one.counts]
     assert {one.verdict for one in counting} == {"held", "not flown"}
     assert all((one.saturated_share or 0) <= 0.05 for one in counting)
@@ -107,6 +105,14 @@ def test_errors_of_masses_and_thrusts_are_trimmed_before_a_flight(wall_press: De
     """By 5 %, which integrals take seconds to learn."""
     (hover,) = fly_all(wall_press, Options(ModelErrors(model=0.05, seed=seed)), only=("hover",)).result.scenarios
     assert (hover.verdict, hover.drift_m < 5e-3) == ("held", True)
+
+
+def test_tilts_that_an_answer_did_without_are_flown_and_do_not_count(wall_press: Design) -> None:
+    flight = wall_press.task.flight.model_copy(update={"dropped": ("flight.tilt_deg",)})
+    fragile = wall_press.model_copy(update={"task": wall_press.task.model_copy(update={"flight": flight})})
+    tilts = fly_all(fragile, Options(), only=("tilt about",)).result.scenarios
+    assert [(one.outcome, one.counts) for one in tilts] == [("recovered", False)] * 2 + [("saturated", False)] * 2
+    assert all(one.tilt_deg < 0.5 for one in tilts)
 
 
 def test_a_tilt_that_is_required_counts_and_has_the_size_that_is_required(wall_press: Design) -> None:

@@ -87,7 +87,7 @@ def test_infeasible_candidates_give_the_smallest_shortfall(tmp_path, monkeypatch
     assert answer.exit_status == 3
     assert {row["status"] for row in rows} == {"infeasible"}
     least = min(rows, key=lambda row: float(row["violation"]))
-    missed = f"{least['key']} misses `{least['worst_constraint']}` by {float(least['violation']):.3g} N m"
+    missed = f"{least['key']} misses {least['worst_constraint']} by {float(least['violation']):.3g} N m"
     assert says(answer.sizes[0].reason, f"no start of {len(rows)} candidates", "not a proof", missed)
     assert not (tmp_path / "run" / "best.json").exists()
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from older import older_task
 from verify_cases import FAN, design, fan
+from wording import says
 
 from topo_search.model import ResolvedTask, Status, Topology
 from topo_search.model.files import to_toml
@@ -67,6 +68,16 @@ def test_a_rod_far_longer_than_the_platform_is_wide_is_told(away, told):
     assert (tip.note is not None) == told
     if told:
         assert tip.note.startswith(f"the rod is {tip.rod.length_m:.3g} m long, ")
+
+
+@pytest.mark.parametrize(("reach", "told"), [(0.4, False), (False, True), (2.0, True)])
+def test_a_rod_that_bends_too_far_is_told_unless_its_reach_is_limited(reach, told):
+    """A position 0.9 m away, for rods that are stiff up to half a metre."""
+    rod = {"rod": "straight", "rod_linear_density": 0.05, "largest_reach": reach}
+    design = fan({"end_effector": rod}, end_effector=(0.0, 0.0, 0.9))
+    note = audit(design).assembly.end_effector.note
+    stiff = design.task.stiff_length(3)
+    assert says(note or "", "rod_deflection", f"{stiff:.3g} m") == told
 
 
 def test_a_rod_of_five_percent_of_the_mass_is_told_with_what_it_weighs():

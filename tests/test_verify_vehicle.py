@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from itertools import combinations, product
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from scipy.spatial import ConvexHull
 from vehicle_cases import HEXACOPTERS, hexacopter, omnicopter, rotor, star
 
 from topo_search.export.allocation import allocation
+from topo_search.export.audits import forces_without_torque
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from topo_search.model.vehicle import Vehicle, read_vehicle
@@ -119,8 +121,20 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
 def test_the_page_rounds_what_is_proven_down() -> None:
     vehicle = Vehicle(rotors=[rotor([x, y, 0], [0, 0, 1], k_tau=0.01) for x in (0, 1, 2) for y in (0, 1)])
     found = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3}))
-    page = vehicle_page("v", 6, found.model_copy(update={"zero_torque_ball_N": 7.45115999}))
-    assert "any force up to 7.4511 N" in page
+    page = vehicle_page(
+        "v", 6, found.model_copy(update={"zero_torque_ball_N": 7.45115999, "zero_torque_volume_N3": 1.0})
+    )
+    assert "any of 7.4511 N" in page
+
+
+@pytest.mark.parametrize(("ball", "volume", "told"), [(0, 0, []), (0, 2, ["2"]), (1.5, 2, ["1.5", "2"])])
+def test_forces_without_torque_are_left_out_where_there_are_none(
+    ball: float, volume: float, told: list[str]
+) -> None:
+    found = capability(Vehicle(rotors=[rotor([x, 0, 0], [0, 0, 1], k_tau=0.01) for x in (-1, 1)]))
+    sizes = {"zero_torque_ball_N": ball, "zero_torque_volume_N3": volume}
+    lines = forces_without_torque(found.model_copy(update=sizes))
+    assert [re.findall(r"[\d.]+(?= N)", line) for line in lines] == [told] * bool(told)
 
 
 HEAD = "x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n"

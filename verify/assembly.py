@@ -31,8 +31,9 @@ def assembly(scene: Scene) -> Assembly:
     connectors = free_connectors(scene)
     mount = design.mount or best_available(connectors, scene)
     rod = _rod(scene, mount) if mount is not None and scene.in_range else None
-    rod_notes = () if rod is None else (_length_note(design, rod), _mass_note(scene, rod))
-    notes = (_mount_note(scene, mount, connectors), *rod_notes)
+    notes = [_mount_note(scene, mount, connectors)]
+    if rod is not None:
+        notes += [_length_note(design, rod), _bending_note(scene, rod), _mass_note(scene, rod)]
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
         from_com_m=_vector(scene.platform.p_e),
@@ -157,6 +158,18 @@ def _length_note(design: Design, rod: Rod) -> str | None:
         return None
     times = f"{rod.length_m / width:.0f} times the width of {n} modules in a square"
     return f"the rod is {rod.length_m:.3g} m long, {times}"
+
+
+def _bending_note(scene: Scene, rod: Rod) -> str | None:
+    """Return a note if a required rod is longer than one that is as stiff as the task states."""
+    task = scene.design.task
+    stiff_length, tip = task.stiff_length(task.n), task.end_effector
+    is_limited = (task.largest_reach(task.n) or math.inf) <= stiff_length
+    if tip.rod == "none" or is_limited or rod.length_m <= stiff_length:
+        return None
+    bends = f"bends by more than rod_deflection = {1000 * tip.rod_deflection:g} mm"
+    load = "under the largest load of the task and its own weight"
+    return f"the rod of {rod.length_m:.3g} m {bends} {load}; one of up to {stiff_length:.3g} m does not"
 
 
 def _mass_note(scene: Scene, rod: Rod) -> str | None:

@@ -63,11 +63,12 @@ if TYPE_CHECKING:
 def fly(design: str, out: Path | None, video: Path | None, **option_values: Any) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
-    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees to four sides; a constant tilt about four
-    axes; a gust; every load case that carries the weight, with its load at the end-effector and, if it pushes,
-    against a wall that all parts can touch; the weakest corners of its cone and vertices, with their load at the
-    end-effector; a rotor failure. Load cases that are not steady flight are reported as such. The simulation does
-    not change the audit; `report DESIGN.json --flight DIR` shows its results on a page. Needs the extra `sim`.
+    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees to four sides; tilts by
+    flight.tilt_deg; a gust; every load case that carries the weight, with its load at the end-effector and, if it
+    pushes, against a wall that all parts can touch; the weakest corners of its cone and vertices, with their load
+    at the end-effector; a rotor failure. Load cases that are not steady flight are reported as such. The
+    simulation does not change the audit; `report DESIGN.json --flight DIR` shows its results on a page. Needs the
+    extra `sim`.
 
     Exit status: 0 every scenario that counts recovered; 1 one did not; 2 bad input, or the extra is missing.
     """

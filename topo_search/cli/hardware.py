@@ -23,9 +23,10 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     """Prove what any vehicle with fixed rotors can do, as the audit does for a design.
 
     \b
-    rotors.csv    a row per rotor: x_m, y_m, z_m from the centre of mass, ax, ay, az (its thrust axis),
-                  spin (1 counter-clockwise seen against its thrust, else -1), k_f, k_tau, u_max and,
-                  if it is not 0, u_min (below 0: reversible); or the rotors.csv of a kit
+    rotors.csv    as in a kit, a row per rotor: x_m, y_m, z_m from the centre of mass, its thrust axis axis_x,
+                  axis_y, axis_z, spin (1 counter-clockwise seen against its thrust, else -1),
+                  thrust_coefficient_Ns2, torque_coefficient_Nms2, largest_thrust_N and, if it is not 0,
+                  u_min (least squared speed; below 0: reversible)
     VEHICLE.toml  mass, inertia, com, end_effector, gravity and rotors = "rotors.csv"
 
     A table alone is judged with a mass of 1 kg. The task's loads act at the vehicle's end-effector, and its units
@@ -33,9 +34,8 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
 
     Exit status: 0 done; 1 a load case of the task is not proven possible; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    from topo_search.export.audits import flight_lines
+    from topo_search.export.audits import flight_lines, forces_without_torque
     from topo_search.model.files import write_atomically
-    from topo_search.model.proven import lower_text
     from topo_search.model.vehicle import read_vehicle
 
     options.require_writable(page)
@@ -45,12 +45,10 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
         from topo_search.report.design_page import vehicle_page
 
         write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
-    ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
-    volume = lower_text(result.zero_torque_volume_N3, 5)
     verdicts = {True: "possible", False: "impossible", None: "undecided"}
     lines = [
         f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6",
-        f"  forces without torque: {ball}, a volume of {volume} N^3",
+        *(f"  {line}" for line in forces_without_torque(result)),
         *(f"  {line.replace(' of module 0', '')}" for line in flight_lines(result.flight)),
         *(f"  {case.name}: {verdicts[case.possible]}" for case in result.flight.cases[1:]),
     ]

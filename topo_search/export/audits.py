@@ -11,6 +11,7 @@ from topo_search.model import Audit, Clearance, Flight, Residual, RotorsOut, Sta
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import escape_formula
+from topo_search.model.vehicle import Capability
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,10 +77,10 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     hover = flight.hover
     if hover.torque_reserve_Nm is not None and hover.torque_weakest is not None:
         weakest = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
-        yield f"smallest torque reserve in hover: {weakest}"
+        yield f"torque reserve in hover, any axis: {weakest}"
     if hover.force_reserve_com_N is not None and hover.force_weakest_com is not None:
         weakest = f"{lower_text(hover.force_reserve_com_N, 3)} N towards {direction(hover.force_weakest_com)}"
-        yield f"smallest force reserve at the centre of mass in hover: {weakest}"
+        yield f"force reserve at the centre of mass in hover, any direction: {weakest}"
     if hover.tilt_deg is not None:
         yield f"hover can be held at any tilt up to {lower_text(hover.tilt_deg, 3)} degrees"
     if hover.com_error_m is not None:
@@ -112,6 +113,14 @@ def flight_lines(flight: Flight) -> Iterator[str]:
             f"{flight.hover_power_excess:.3g} % more power than with all rotors pointing straight up"
         )
     yield f"the platform spans {flight.span_m:.3g} m"
+
+
+def forces_without_torque(capability: Capability) -> Iterator[str]:
+    """Yield a line on the forces that a vehicle can exert without torque, if there is such a set."""
+    ball, volume = capability.zero_torque_ball_N, capability.zero_torque_volume_N3
+    if volume:
+        size = f"any of {lower_text(ball, 5)} N, and a set" if ball else "a set"
+        yield f"forces without torque: {size} of {lower_text(volume, 5)} N³"
 
 
 def power_lines(audit: Audit) -> Iterator[str]:

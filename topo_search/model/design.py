@@ -281,9 +281,9 @@ class Infeasible(Value):
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return a copy for the least violated of several starts, with the shortfalls of all."""
         gathered, shown = Shortfall.gather(shortfalls), 3
-        closest = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
+        closest = f"misses {self.worst_constraint} by {_amount(self.violation, 3, self.unit)}"
         parts = [
-            f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
+            f"{s.starts} {s.constraint} (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
             for s in gathered[:shown]
         ]
         if rest := sum(s.starts for s in gathered[shown:]):

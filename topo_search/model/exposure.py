@@ -325,10 +325,15 @@ class Allowed(UnboundedRegion):
             yield "speed_within", f"{rule}, but got {self.speed_within:g}"
 
     @property
+    def sides(self) -> str:
+        """The polyhedron in words."""
+        sides = (f"{vector(plane.normal)} · x ≤ {length(plane.offset)}" for plane in self.planes)
+        return f"{' and '.join(sides)}, with x from the end-effector"
+
+    @property
     def words(self) -> str:
         """The region in words."""
-        sides = (f"{vector(plane.normal)} · x ≤ {length(plane.offset)}" for plane in self.planes)
-        return f"everything except where {' and '.join(sides)}, with x from the end-effector"
+        return f"everything except where {self.sides}"
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

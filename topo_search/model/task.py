@@ -248,7 +248,7 @@ class Task(Value):
         if reach is not None:
             return reach or None
         packed, rod = LARGE * packed_width(self.module, n), self.end_effector
-        # a fixed position may need a longer rod, for which `check` warns
+        # a fixed position may need a longer rod, which the audit notes
         limited = rod.rod == "straight" and rod.fixed_position is None
         return min(packed, self.stiff_length(n)) if limited else packed
 

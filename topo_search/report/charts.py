@@ -183,7 +183,7 @@ def progress(solves: Sequence[SolveEvent], objective: Objective, bound: float) -
         if count[-1]:
             counted = line(number[sampled].tolist(), count[sampled].tolist(), status, colour, 2, dash=dash)
             traces.append({**counted, "yaxis": "y2"})
-    layout = axes("solves", "J / lower bound" if is_effort else objective.column, legend=-0.2)
+    layout = axes("solves", "J over bound" if is_effort else objective.column, legend=-0.2)
     layout["xaxis"]["anchor"] = "y2"
     layout["yaxis"]["domain"] = [0.42, 1.0]
     layout["yaxis2"] = {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"}
@@ -236,7 +236,7 @@ def front_chart(points: Sequence[FrontPoint], name: str, objective: Objective = 
 
     best, dotted = f"{objective.least} for this or better", {"dash": "dot", "shape": "vh"}
     texts = ["<br>".join(_describe(point)) for point in points]
-    layout = axes(title, "J / lowest J of the front" if is_effort else objective.column, legend=-0.25)
+    layout = axes(title, "J over lowest J of the front" if is_effort else objective.column, legend=-0.25)
     layout["xaxis"]["dtick"] = 1 if name == "modules" else None
     traces = [
         {**line(*coordinates(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from topo_search.export import palette
+from topo_search.export.audits import forces_without_torque
 from topo_search.export.html_page import html_page
 from topo_search.limits import LIMITS
 from topo_search.model import Array, Audit, Design, ResolvedTask, Status
@@ -17,7 +18,7 @@ from topo_search.model.flight import direction
 from topo_search.model.html import paragraph, table
 from topo_search.model.largest_value import LargestValue, objective_of
 from topo_search.model.maximized import Quantity
-from topo_search.model.proven import gap_percent, lower_text
+from topo_search.model.proven import gap_percent
 from topo_search.model.value import BadInput, Fault, as_bad_input, show
 from topo_search.model.vehicle import Capability
 from topo_search.report import Figure, Table, Tile
@@ -26,7 +27,7 @@ from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import Compared, card, headline
 from topo_search.report.polytope import polytopes
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, modules, quantity, rounded_down, rounded_up
+from topo_search.report.wording import EFFORT, figures, modules, quantity, rounded_down, rounded_up, sentence
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -200,10 +201,7 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
     ]
     lines = [
         paragraph(f"{rotors} rotors, rank {capability.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
-        paragraph(
-            f"Without torque it can exert any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; "
-            f"the set of such forces has a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
-        ),
+        *(paragraph(sentence(line)) for line in forces_without_torque(capability)),
         paragraph(summary),
         table(reserves.columns, reserves.rows),
         *map(paragraph, others),

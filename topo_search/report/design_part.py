@@ -184,7 +184,14 @@ def air(air: AirSpeeds) -> Table:
 def cases(flight: Flight) -> Table:
     """Return the reserves in hover and in each load case, with the weakest directions."""
     towards, about = "weakest towards", "weakest about"
-    reserve_columns = ("force at the tip", towards, "side force", towards, "torque", about)
+    reserve_columns = (
+        "force at the tip, any direction",
+        towards,
+        "side force at the tip",
+        towards,
+        "torque, any axis",
+        about,
+    )
     columns = ("case", "possible", *reserve_columns, "load factor", "inputs / u_max", "inputs at a limit")
     return Table(columns, [_case(case) for case in flight.cases], {2, 4, 6, 8, 9, 10})
 
@@ -192,11 +199,11 @@ def cases(flight: Flight) -> Table:
 def allocators(flight: Flight) -> Table | None:
     """Return two rows per case, for optimal inputs and for the pseudo-inverse; None for older files."""
     reserves = {
-        "force at the tip": ("force_reserve_N", " N"),
-        "force at the centre of mass": ("force_reserve_com_N", " N"),
+        "force at the tip, any direction": ("force_reserve_N", " N"),
+        "force at the centre of mass, any direction": ("force_reserve_com_N", " N"),
         "side force at the tip": ("horizontal_reserve_N", " N"),
         "side force at the centre of mass": ("horizontal_reserve_com_N", " N"),
-        "torque": ("torque_reserve_Nm", " N m"),
+        "torque, any axis": ("torque_reserve_Nm", " N m"),
         "tilt": ("tilt_deg", "°"),
     }
     rows = []

@@ -118,16 +118,16 @@ def headline(
 
 
 def _side_force(flight: Flight) -> Iterator[Tile]:
-    """Yield the tile of the side force reserve in hover; older files have none."""
+    """Yield the tile of the side force in hover; older files have none."""
     hover = flight.hover
     if hover.possible is not True:
         why = "cannot hover" if hover.possible is False else "hover is undecided"
-        yield Tile("Side force reserve", "none", why)
+        yield Tile("Side force", "none", why)
     elif hover.horizontal_reserve_N is not None:
         weakest = hover.horizontal_weakest
         towards = "" if weakest is None else f", weakest towards {direction(weakest)}"
         size = rounded_down(hover.horizontal_reserve_N, " N")
-        yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
+        yield Tile("Side force", size, f"at the tip in hover{towards}")
 
 
 def _rod(flight: Flight, audit: Audit | None) -> Tile:
@@ -298,13 +298,21 @@ def _air(audit: Audit | None) -> float | None:
 COLUMNS = (
     Column("tree", lambda row, proven, audit: row.key, "text"),
     Column("modules", lambda row, proven, audit: row.modules),
-    Column("J / bound", lambda row, proven, audit: _ratio_to_bound(row), better="less"),
+    Column("J over bound", lambda row, proven, audit: _ratio_to_bound(row), better="less"),
     Column("J [rad⁴/s⁴]", lambda row, proven, audit: _significant(row.objective, 6), better="less"),
     Column("gap [%]", lambda row, proven, audit: _percent(row.gap), better="less"),
     Column("audit", lambda row, proven, audit: _verdict(row, audit), "text"),
     Column("status", lambda row, proven, audit: row.status, "text"),
-    Column("force reserve [N]", lambda row, proven, audit: _round_down(row.force_reserve_N), better="more"),
-    Column("torque reserve [N m]", lambda row, proven, audit: _round_down(row.torque_reserve_Nm), better="more"),
+    Column(
+        "force reserve, any direction [N]",
+        lambda row, proven, audit: _round_down(row.force_reserve_N),
+        better="more",
+    ),
+    Column(
+        "torque reserve, any axis [N m]",
+        lambda row, proven, audit: _round_down(row.torque_reserve_Nm),
+        better="more",
+    ),
     Column("clearance [mm]", lambda row, proven, audit: _clearance_mm(audit), better="more"),
     Column("hinge error [°]", lambda row, proven, audit: _round_down(row.hinge_tolerance_deg), better="more"),
     Column("rod [m]", lambda row, proven, audit: _round_up(row.rod_length_m), better="less"),

@@ -124,6 +124,11 @@ def _miss(folder: RunFolder) -> dict[str, Any] | None:
 
 def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> str:
     """Return the answer in one sentence."""
+    if answer.best is None and not answer.complete:
+        solved, candidates = (
+            sum(getattr(one, field) for one in answer.sizes) for field in ("settled", "candidates")
+        )
+        return f"No audited design for {name} yet: {solved} of {quantity(candidates, 'candidate')} solved."
     if shown is None:
         return f"No design was found for {name}."
     has = f"{shown.key} {'needs' if shown.value is None else 'has'} the {size.objective.least}"
@@ -340,7 +345,7 @@ def _designs(points: Sequence[FrontPoint], objective: Objective) -> Table:
         for point in points
     ]
     reached = ("smallest clearance", "stand-off", "largest input / u_max")
-    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / lowest J", *reached, "level", "audit")
+    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J over lowest J", *reached, "level", "audit")
     value = () if objective.better == "less" else (objective.column,)
     return Table((*columns, *value), rows, {*range(1, 8), 9})
 

@@ -190,7 +190,7 @@ def _regions(design: Design, poses: Platform, violated: Clearance | None) -> Ite
         surface, colour = shape.mesh(cone_slant(design, poses)), palette.EXPOSURE
         if solid and len(half_spaces) == 1:
             surface, colour = _wall(*half_spaces[0], poses), palette.WALL
-            kind, words, opacity = "walls", "ground" if half_spaces[0][1] @ UP > 0.9 else "wall", 0.6
+            kind, words, opacity = "walls", "ground" if half_spaces[0][1] @ UP > 0.9 else "solid region", 0.6
         elif shape.contains_airflow:
             kind, words, opacity = "cones", shape.words, 0.15
         elif solid:

@@ -21,7 +21,9 @@ def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
         (region, (f"requirement {e}" if region.contact is None else "object", requirement(region)))
         for e, region in enumerate(task.exposure)
     ]
-    regions = [fact for exposure, fact in numbered if exposure.geometry]
+    regions = [fact for exposure, fact in numbered if exposure.geometry and exposure.kind != "allowed"]
+    inside = [fact for exposure, fact in numbered if exposure.geometry and exposure.kind == "allowed"]
+    platforms = [] if inside else [("regions", "none, only the platform's own modules")]
     speeds = [fact for exposure, fact in numbered if not exposure.geometry and exposure.speed is not None]
     solids = [fact for exposure, fact in numbered if exposure.solid and not exposure.geometry]
     return (
@@ -29,7 +31,8 @@ def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
         ("module", list(_module(task))),
         ("airflow envelope", list(_envelope(task))),
         ("end-effector", list(_end_effector(task))),
-        ("must stay out of the airflow", regions or [("regions", "none, only the platform's own modules")]),
+        *([("must stay out of the airflow", regions or platforms)] if regions or platforms else []),
+        *([("airflow must stay where", inside)] if inside else []),
         *([("air may enter, rigid parts may not", solids)] if solids else []),
         *([("air speed", speeds)] if speeds else []),
         *_flight(task),
@@ -152,11 +155,14 @@ def goals(task: Task) -> Facts:
 
 def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
-    solid = "; solid: rotors, arms and rod stay out too" if exposure.solid and exposure.geometry else ""
+    words, solid, there = exposure.words, "; solid: rotors, arms and rod stay out too", "there"
+    if exposure.kind == "allowed" and exposure.geometry:
+        words, solid, there = exposure.sides, "; solid: rotors, arms and rod too", "elsewhere"
+    words += solid * (exposure.solid and exposure.geometry)
     if exposure.speed is None:
-        return exposure.words + solid
+        return words
     reach = "" if exposure.speed_reach is None else f" within {length(exposure.speed_reach)} of the end-effector"
-    return f"{exposure.words}{solid}; air there at most {figures(exposure.speed)} m/s{reach}"
+    return f"{words}; air {there} at most {figures(exposure.speed)} m/s{reach}"
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:

@@ -303,9 +303,7 @@ def _angles(task: Task) -> Doubts:
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of the task file."""
     n = task.sizes[-1]
-    parts = chain(
-        _gravity(task), doubts(task), _module(task.module), _bracket(task.module), _rod(task, n), _lengths(task, n)
-    )
+    parts = chain(_gravity(task), doubts(task), _module(task.module), _bracket(task.module), _lengths(task, n))
     requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _tool_side(task), _search(task))
     return tuple(starmap(TaskWarning, chain(parts, requirements)))
 
@@ -376,24 +374,6 @@ def _meshes(task: Task) -> Doubts:
                 f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
                 "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
             )
-
-
-def _rod(task: Task, n: int) -> Doubts:
-    """Yield the reach, if rods that long would bend too much."""
-    rod, stiff_length, reach = task.end_effector, task.stiff_length(n), task.largest_reach(n)
-    if rod.rod == "straight" and (reach or math.inf) > stiff_length:
-        if rod.largest_reach is not None:
-            field, allowed = "end_effector.largest_reach", f"{reach:g} m allows" if reach else "false allows"
-        elif math.hypot(*(rod.fixed_position or ())) > stiff_length:
-            field, allowed = "end_effector.position", "needs or allows"
-        else:
-            return
-        yield (
-            field,
-            f"{allowed} rods longer than {stiff_length:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
-            f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
-            "task and its own weight",
-        )
 
 
 def _thrust(task: Task, n: int) -> Doubts:

@@ -52,7 +52,15 @@ def clearance(pair: Clearance) -> str:
 
 def near_tie_columns(objective: Objective) -> tuple[str, ...]:
     """Return the column headings of the table of near ties."""
-    reserves = "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod"
+    reserves = (
+        "force, any direction",
+        "torque, any axis",
+        "rotors",
+        "load factor",
+        "joint moment",
+        "hinge error",
+        "rod",
+    )
     return "key", objective.number_words, *reserves
 
 

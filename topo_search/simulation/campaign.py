@@ -190,10 +190,12 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario
         rotor: the rotor that fails.
         rotor_out: whether the failure must be survived even if the task does not require it.
     """
-    tilt, reserve = design.task.flight.tilt_deg, "flight.force_reserve" not in design.task.flight.dropped
+    tilt, dropped = design.task.flight.tilt_deg, design.task.flight.dropped
+    reserve = "flight.force_reserve" not in dropped
+    tilts = scenarios.tilts(tilt or scenarios.TILT, counts=tilt > 0) if tilt or "flight.tilt_deg" in dropped else []
     planned: list[scenarios.Scenario | ScenarioResult] = [
         *scenarios.hover_scenarios(counts=reserve),
-        *scenarios.tilts(tilt or scenarios.TILT, counts=tilt > 0),
+        *tilts,
         scenarios.gust(nominal(design), counts=reserve),
     ]
     solid = any(region.solid for region in design.task.exposure)

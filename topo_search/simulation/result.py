@@ -21,6 +21,7 @@ class ScenarioResult(Value):
 
     name: str
     verdict: Verdict
+    """`held` if `outcome` is `recovered`; for readers of older files, which have no `outcome`."""
     outcome: Outcome | None = None
     """`lost`: ended early; `saturated`: limits exceeded with rotors at theirs; `off target`: limits exceeded with
     rotors below theirs; None in older files."""
@@ -66,7 +67,7 @@ class FlightResult(Value):
     design: str | None = None
     """Digest of the flown design; None in older files."""
     verdict: Literal["held", "not held"]
-    """`held` if every flown scenario that counts recovered."""
+    """`not held` if a scenario that counts did not recover; for readers of older files, as in scenarios."""
     outcome: Outcome | None = None
     """Worst outcome of the scenarios that count; None in older files."""
     scenarios: tuple[ScenarioResult, ...]
@@ -102,8 +103,8 @@ class FlightResult(Value):
 
 
 def word(result: ScenarioResult | FlightResult) -> str:
-    """Return the outcome, or the verdict if an older file has none."""
-    return result.outcome or result.verdict
+    """Return the outcome; older files only say whether it is `recovered`."""
+    return result.outcome or result.verdict.replace("held", "recovered")
 
 
 def digest_of(design: Design) -> str:

@@ -136,7 +136,8 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     settled = candidates if impossible else statuses.total()
     if is_complete and settled < candidates:
         unknown = f"{candidates - settled} of {candidates} candidates"
-        remarks.append(f"{unknown} were never proposed: nothing is known about them")
+        none_better = "" if best is None or not bound else f"; none of them {objective.bound_words(best)}"
+        remarks.append(f"{unknown} were never proposed{none_better}")
     failure = None
     if best is None and top and (audit := folder.result_of(top[0])[1]) is not None:
         failure = audit.failure(task)
@@ -214,7 +215,7 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
     if failed:
         parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
     if closest is not None:
-        shortfall = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        shortfall = f"{closest.key} misses {closest.worst_constraint} by {closest.violation:.3g} {closest.unit}"
         parts.append(f"smallest shortfall (not a proof): {shortfall}".rstrip())
     return "; ".join(parts)
 

@@ -68,7 +68,7 @@ class Row:
     audit: str | None = None
     """The audit's verdict, if there is one."""
     starts_at_best: int = 0
-    """Number of starts that reached the best optimum."""
+    """Hits: number of starts that reached the best optimum."""
     asked: int = 0
     """Number of starts that are settled: solved, replaced by a warm start, or given up."""
     audit_failure: str | None = None
@@ -78,9 +78,9 @@ class Row:
     step: int = 0
     """Index of the margin among the task's `margins`; 0: the task's own."""
     force_reserve_N: float | None = None
-    """Size of any force that can be added at the end-effector in hover [N]; from the audit, as are the rest."""
+    """Force in any direction that can be added at the end-effector in hover [N]; from the audit, like the rest."""
     torque_reserve_Nm: float | None = None
-    """Size of any torque that can be added in hover [N m]."""
+    """Torque about any axis that can be added in hover [N m]."""
     rotors_out_hover: int | None = None
     """Number of rotors whose single failure hover survives."""
     load_factor: float | None = None

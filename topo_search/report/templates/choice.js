@@ -14,7 +14,7 @@ class Choice {
       .filter(([, , better], i) => better && new Set(audited.map((row) => row[i]).filter((x) => x !== null)).size > 1)
       .map(([name]) => name);
     const first = (preferred) => preferred.find((name) => names.includes(name)) ?? names[0];
-    const defaults = { up: first([merit]), across: first(["force reserve [N]", "hinge error [°]", "clearance [mm]"]) };
+    const defaults = { up: first([merit]), across: first(["force reserve, any direction [N]", "hinge error [°]", "clearance [mm]"]) };
     this.selects = Object.entries(defaults).map(([id, name]) => {
       const select = document.getElementById(id);
       for (const option of names) select.add(new Option(option, option, false, option === name));

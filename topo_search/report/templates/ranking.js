@@ -3,7 +3,7 @@ const FIRST = 15;
 const ON_A_PHONE = ["tree", "gap [%]", "audit"]; // columns that fit on a narrow screen, beside the one that ranks
 const LAST_ON_A_DESK = "air at the tip [m/s]"; // later columns are shown on demand
 
-const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // as in all other tables
+const DECIMALS = { "J over bound": 4, "gap [%]": 2 }; // as in all other tables
 
 function formatted(name, value) {
   if (DECIMALS[name]) return value.toFixed(DECIMALS[name]);
@@ -24,7 +24,7 @@ function ranking(table, comparison, choice) {
     return [ranked, ...ON_A_PHONE].includes(name) ? "" : " rest";
   };
   const hasValues = columns.map((_, i) => rows.some((row) => row[i] !== null));
-  const ranked = hasValues[column["J / bound"]] ? "J / bound" : merit;
+  const ranked = hasValues[column["J over bound"]] ? "J over bound" : merit;
   let showAll = false;
 
   for (const [name, select] of Object.entries(choices)) {
