@@ -72,41 +72,22 @@ def fly(design: str, out: Path | None, video: Path | None, **option_values: Any)
 
     Exit status: 0 every scenario that counts recovered; 1 one did not; 2 bad input, or the extra is missing.
     """
-    from topo_search.compose import read_completed
+    from topo_search import compose
 
-    completed = read_completed(design)
+    completed = compose.read_completed(design)
     for option, path in (("--video", video), ("--out", out and out / "flight.json")):
         options.require_writable(path, option)
     if video is None:  # else MuJoCo would load a graphics library, which may be missing
         os.environ["MUJOCO_GL"] = "disable"
     os.environ.setdefault("MUJOCO_GL", "egl")
     with needs_extras("fly"):
-        from topo_search.model.files import write_atomically
-        from topo_search.simulation import files
-
-        film = None if video is None else files.film(video, files.radius(completed))
-        from topo_search.simulation.campaign import fly_all
-        from topo_search.simulation.controller import Allocator, PseudoInverseAllocator
-        from topo_search.simulation.fly import Options
-        from topo_search.simulation.plant import ModelErrors
-
-        rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverseAllocator}[option_values["allocator"]]
-        errors = ModelErrors(option_values["model_error"], option_values["noise"], option_values["seed"])
-        campaign = fly_all(
+        result = compose.fly(
             completed,
-            Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
-            rotor_out=option_values["rotor_out"],
-            only=option_values["only"],
-            tell=lambda scenario: note(
-                ": ".join(filter(None, (scenario.name, _outcome(scenario), scenario.reason)))
-            ),
-            watch=lambda scenario: None if film is None else film.watch(scenario.name),
+            out=out,
+            video=video,
+            tell=lambda flown: note(": ".join(filter(None, (flown.name, _outcome(flown), flown.reason)))),
+            **option_values,
         )
-        if out is not None:
-            files.write_flight(campaign, out)
-        if video is not None and film is not None:
-            write_atomically(video, film.gif())
-    result = campaign.result
     options.echo_answer(result.model_dump(mode="json"), _lines(result))
     if result.verdict != "held":
         raise SystemExit(1)

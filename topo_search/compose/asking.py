@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -15,6 +15,7 @@ from topo_search.compose.binding import enclose_speed, envelope_of_speed
 from topo_search.compose.designs import read_completed
 from topo_search.model import BadInput, Design, Fault, Module, Task
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
+from topo_search.model.files import write_atomically
 from topo_search.model.flying import scaled_defaults
 from topo_search.model.html import heading, table
 from topo_search.model.module import AIR_DENSITY
@@ -28,7 +29,7 @@ from topo_search.study import Request
 from topo_search.study.answer import quotient_remark
 
 if TYPE_CHECKING:
-    from topo_search.simulation.result import FlightResult
+    from topo_search.simulation.result import FlightResult, ScenarioResult
 
 
 @dataclass(frozen=True)
@@ -183,6 +184,8 @@ def fly(
     wake: bool = True,
     only: tuple[str, ...] = (),
     out: str | Path | None = None,
+    video: str | Path | None = None,
+    tell: Callable[[ScenarioResult], None] = lambda _: None,
 ) -> FlightResult:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise; needs the extra `sim`.
 
@@ -197,9 +200,12 @@ def fly(
         wake: whether wakes of other modules reduce thrust.
         only: prefixes of the scenarios to fly; empty: all.
         out: folder for flight.json, flight.csv and flight.png; None: none.
+        video: animated .gif of some flights; None: none.
+        tell: called with each scenario when it has been flown.
 
     Raises:
-        BadInput: the design cannot hover, a value is out of range, or no scenario has such a name.
+        BadInput: the design cannot hover, a value is out of range, no scenario has such a name, or the video cannot
+            be rendered.
 
     Example:
         >>> from topo_search import fly
@@ -212,18 +218,23 @@ def fly(
             raise BadInput(name, f"must be from 0 to {largest:g}, but got {value}")
     if allocator not in ("bounded", "pseudo-inverse"):
         raise BadInput("allocator", f'must be "bounded" or "pseudo-inverse", but got {allocator}')
+    completed = design if isinstance(design, Design) else read_completed(design)
+    from topo_search.simulation import files
+
+    film = None if video is None else files.film(Path(video), files.radius(completed))
     from topo_search.simulation.campaign import fly_all
     from topo_search.simulation.controller import Allocator, PseudoInverseAllocator
-    from topo_search.simulation.files import write_flight
     from topo_search.simulation.fly import Options
     from topo_search.simulation.plant import ModelErrors
 
     rule = PseudoInverseAllocator if allocator == "pseudo-inverse" else Allocator
     options = Options(ModelErrors(model_error, noise, seed), detection=detection_time, allocator=rule, wake=wake)
-    completed = design if isinstance(design, Design) else read_completed(design)
-    campaign = fly_all(completed, options, rotor_out=rotor_out, only=only)
+    watch = (lambda scenario: None) if film is None else (lambda scenario: film.watch(scenario.name))
+    campaign = fly_all(completed, options, rotor_out=rotor_out, only=only, tell=tell, watch=watch)
     if out is not None:
-        write_flight(campaign, Path(out))
+        files.write_flight(campaign, Path(out))
+    if video is not None and film is not None:
+        write_atomically(Path(video), film.gif())
     return campaign.result
 
 

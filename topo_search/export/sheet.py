@@ -15,14 +15,13 @@ import numpy as np
 from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
-from topo_search.export.html_page import html_page
 from topo_search.export.poses import axis_words, rod_of
 from topo_search.export.step_picture import step_picture
 from topo_search.export.strength import ENOUGH, strengths
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
-from topo_search.model.html import paragraph, table
+from topo_search.model.html import html_page, paragraph, table
 from topo_search.model.joint_mass import PLASTIC, bolt_mass, bolt_of, strut_width
 from topo_search.model.module import Module
 from topo_search.model.proven import lower_text

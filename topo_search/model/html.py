@@ -43,6 +43,13 @@ def _cell(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
+def html_page(title: str, style: str, lines: Iterable[str]) -> str:
+    """Return a self-contained HTML page with its title as the first heading."""
+    head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
+    body = (f"<style>{style}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>")
+    return "\n".join(("<!doctype html>", head, *body)) + "\n"
+
+
 def design_html(design: Design) -> str:
     """Show joints, angles and effort in a notebook."""
     gap = "" if design.gap is None else f", gap to the lower bound {gap_percent(design.gap)}"
