@@ -1,5 +1,7 @@
 """The page in Chromium itself: it draws without an error or a network, turns, sorts, and fits a phone and paper."""
 
+import csv
+import html
 import itertools
 import re
 import shutil
@@ -13,13 +15,14 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, sync_playwright
 from report_cases import design, grown, toy_page
+from scipy.spatial.transform import Rotation
 from toy_problem import BACKENDS
 from verify_cases import design as solved
 
-from topo_search.compose import audit
+from topo_search.compose import audit, fly
 from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.model.files import read_json
-from topo_search.report.design_page import design_page
+from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
 from verify.air.bound import case_jets
 from verify.air.jets import speeds
@@ -529,3 +532,98 @@ def test_without_webgl_the_rest_of_the_page_works(launched, tmp_path, five):
         page.wait_for_selector("#inputs .main-svg")
         assert "WebGL" in page.locator("#view").inner_text()
         assert page.locator("#view svg").is_visible()
+
+
+@pytest.fixture(scope="module")
+def cell() -> str:
+    """A view with two flights, as a cell of a notebook holds it."""
+    made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    return fly(made, only=("return from +x", "load case 0 (push), wall"), wake=False).view()._repr_html_()
+
+
+CELLS = "[...document.querySelectorAll('iframe')].map(cell => cell.contentDocument)"
+AWAKE = f"{CELLS}.map(cell => cell.querySelectorAll('canvas').length)"
+
+
+def test_twenty_cells_of_a_notebook_draw_while_they_are_looked_at(opened: Open, cell: str) -> None:
+    page = opened(f"<!doctype html><body data-jp-theme-light=true>{cell * 20}", width=900)
+    lost: list[str] = []
+    page.on("console", lambda message: lost.append(message.text) if "context" in message.text.lower() else None)
+    for number in range(20):
+        page.evaluate(f"document.querySelectorAll('iframe')[{number}].scrollIntoView()")
+        until(page, f"{AWAKE}[{number}] === 1")
+        page.wait_for_timeout(200)
+        assert sum(page.evaluate(AWAKE)) <= 4
+    seen = "cell => cell.querySelector('.stage > img.still')?.naturalWidth > 100"
+    until(page, f"{CELLS}.slice(0, 15).every({seen})")  # what was looked at before stays as a picture
+    assert lost == []
+
+    first = page.frames[1]
+    page.evaluate("document.querySelector('iframe').scrollIntoView()")
+    until(page, f"{AWAKE}[0] === 1")
+    first.click("[data-choice=assembly]")
+    first.press(".stage", "ArrowLeft")
+    turned = first.evaluate("JSON.stringify(shown.stage.orbit)")
+    page.evaluate("document.querySelectorAll('iframe')[19].scrollIntoView()")
+    until(page, f"{AWAKE}[0] === 0")
+    page.evaluate("document.querySelector('iframe').scrollIntoView()")
+    until(page, f"{AWAKE}[0] === 1")
+    assert first.evaluate("JSON.stringify(shown.stage.orbit)") == turned
+    assert first.inner_text(".description").startswith("Step 1 of")
+    bottom, height = "document.documentElement.offsetHeight", "frameElement.offsetHeight"
+    assert first.evaluate(bottom) == pytest.approx(first.evaluate(height), abs=1)
+
+    theme = "document.documentElement.dataset.theme"
+    assert first.evaluate(theme) == "light"
+    page.evaluate("document.body.dataset.jpThemeLight = 'false'")
+    assert first.evaluate(theme) == "dark"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_everybody_can_read_a_cell(opened: Open, cell: str, scheme: str) -> None:
+    text = re.findall('srcdoc="([^"]+)"', cell)[0]
+    page = opened(html.unescape(text), width=700)
+    page.emulate_media(color_scheme=scheme)
+    page.select_option("[data-flights]", "1")
+    violations = Axe().run(page, options={"rules": {"page-has-heading-one": {"enabled": False}}}).response
+    assert [one["id"] for one in violations["violations"] if one["id"] not in ("landmark-one-main", "region")] == []
+    assert page.evaluate("document.documentElement.scrollWidth") == 700
+
+
+def test_a_flight_is_played_as_it_was_recorded(opened: Open, tmp_path: Path) -> None:
+    made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    fly(made, only=("return from +x",), wake=False, out=tmp_path / "flight")
+    page = opened(render(design_page(made, audit(made), "mine.json", read_simulated(tmp_path / "flight", made))))
+    rows = csv.DictReader((tmp_path / "flight/flight.csv").read_text().splitlines())
+    row = next(row for row in rows if row["time_s"] == "0.48")
+    page.select_option("[data-flights]", "0")
+    until(page, "views[0].time > 0")
+    page.click("[data-play]")
+    page.evaluate("views[0].seek(0.48)")
+    poses = page.evaluate(
+        "(object => Array.from({length: object.count}, (_, k) => [...object.matrix.clone().multiply("
+        "new THREE.Matrix4().fromArray(object.instanceMatrix.array, 16 * k)).elements]))"
+        "(views[0].stage.content.getObjectByName('modules'))"
+    )
+    at, turn = platform(made), np.array([float(row[f"q_{axis}"]) for axis in "wxyz"])
+    turned = Rotation.from_quat(turn, scalar_first=True).as_matrix()
+    shift = np.array([float(row[f"{axis}_m"]) for axis in "xyz"])
+    for pose, R, p in zip(poses, at.R, at.p, strict=True):
+        shown = np.array(pose).reshape(4, 4).T
+        np.testing.assert_allclose(shown[:3, :3], turned @ R, atol=2e-4)
+        np.testing.assert_allclose(shown[:3, 3], turned @ (p - at.p_com) + at.p_com + shift, atol=2e-4)
+    assert page.inner_text(".readout").startswith("0.48 s: ")
+    page.locator("[data-time]").press("ArrowRight")
+    assert page.evaluate("views[0].time") != 0.48
+    page.click("[data-choice=platform]")
+    assert page.locator("[data-time]").is_hidden()
+
+
+def test_without_webgl_a_cell_has_a_picture(launched: Callable[..., Browser], cell: str, tmp_path: Path) -> None:
+    (tmp_path / "cell.html").write_text(cell, encoding="utf-8")
+    with launched("--disable-gpu", "--disable-3d-apis") as browser:
+        page = browser.new_page()
+        page.goto((tmp_path / "cell.html").as_uri())
+        until(page, f"!!{CELLS}[0].querySelector('.description').textContent")
+        assert page.frames[1].locator("#cell svg").is_visible()
+        assert "WebGL" in page.frames[1].inner_text("#cell")

@@ -13,6 +13,7 @@ from topo_search.compose import (
     read_design,
     search,
     solve,
+    view,
     write_report,
 )
 from topo_search.compose.drawer import kit
@@ -55,6 +56,7 @@ from topo_search.model.reserves import AskedFlight
 from topo_search.model.rotors import ModuleRotor
 from topo_search.model.stated import Stated, StatedCheck
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
+from topo_search.report.cell import View
 from topo_search.report.charts import plot_candidates, plot_front, plot_history
 from topo_search.report.progress import Lines
 from topo_search.report.task_warnings import SuspiciousTask, read_task
@@ -67,8 +69,8 @@ __all__ = [
     "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row", "Search", "SilentObserver", "SizeAnswer", "Solved", "Stated", "StatedCheck",
     "Status", "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler",
-    "Tried", "WorkersLost", "Wrench", "airflow", "audit", "capability", "check", "clearances", "compare",
-    "export_design", "figure", "fly", "kit", "plot_candidates", "plot_front", "plot_history", "plot_platform",
-    "prove", "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search",
-    "solve", "to_json", "to_toml", "write_report",
+    "Tried", "View", "WorkersLost", "Wrench", "airflow", "audit", "capability", "check", "clearances",
+    "compare", "export_design", "figure", "fly", "kit", "plot_candidates", "plot_front", "plot_history",
+    "plot_platform", "prove", "read_answer", "read_design", "read_json", "read_task", "register_format",
+    "residuals", "search", "solve", "to_json", "to_toml", "view", "write_report",
 ]  # fmt: skip

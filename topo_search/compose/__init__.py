@@ -12,6 +12,7 @@ from topo_search.compose.designs import (
     read_completed,
     read_design,
     solve,
+    view,
     write_report,
 )
 from topo_search.compose.rounding import NotClear, round_angles

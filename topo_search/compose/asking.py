@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from topo_search.compose.binding import enclose_speed, envelope_of_speed
-from topo_search.compose.designs import read_completed
+from topo_search.compose.designs import audit, read_completed
 from topo_search.model import BadInput, Design, Fault, Module, Task
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
 from topo_search.model.files import write_atomically
@@ -22,14 +22,13 @@ from topo_search.model.module import AIR_DENSITY
 from topo_search.model.proven import at_least, lower_text, upper_text
 from topo_search.model.task_file import read_task
 from topo_search.model.vehicle import Capability, Vehicle, read_vehicle
+from topo_search.report.cell import View
 from topo_search.report.task_facts import facts, goals, load_cases
 from topo_search.report.task_warnings import UNIT_IN_DOUBT, TaskWarning, task_warnings
 from topo_search.report.wording import figures, quantity
+from topo_search.simulation.result import FlightResult, ScenarioResult
 from topo_search.study import Request
 from topo_search.study.answer import quotient_remark
-
-if TYPE_CHECKING:
-    from topo_search.simulation.result import FlightResult, ScenarioResult
 
 
 @dataclass(frozen=True)
@@ -92,6 +91,20 @@ class ModuleAir:
         return "\n".join(lines)
 
     __repr__ = __str__
+
+
+class PlayedFlight(FlightResult):
+    """Flights of a design, which its 3-D view plays."""
+
+    _design: Design
+    _series: str
+
+    def view(self) -> View:
+        """Return the 3-D view of the design with its flights: choose one, and move its time slider."""
+        from topo_search.report.design_page import course_of, flights_of
+
+        flights = flights_of(course_of(self._series), self)
+        return View.of(self._design, audit(self._design), flights)
 
 
 def check(task: Task | str | Path) -> CheckedTask:
@@ -186,7 +199,7 @@ def fly(
     out: str | Path | None = None,
     video: str | Path | None = None,
     tell: Callable[[ScenarioResult], None] = lambda _: None,
-) -> FlightResult:
+) -> PlayedFlight:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise; needs the extra `sim`.
 
     Args:
@@ -235,7 +248,9 @@ def fly(
         files.write_flight(campaign, Path(out))
     if video is not None and film is not None:
         write_atomically(Path(video), film.gif())
-    return campaign.result
+    played = PlayedFlight.model_validate(dict(campaign.result))
+    played._design, played._series = completed, files.time_series(campaign.flown)
+    return played
 
 
 def _requirements(task: Task, *, plausible: bool) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:

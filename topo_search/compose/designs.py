@@ -21,6 +21,7 @@ from topo_search.model.proven import lower_text
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
+from topo_search.report.cell import View
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
 from topo_search.topologies.own_topologies import OwnTopology, own_topology
@@ -327,6 +328,26 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
 
 figure = plot_platform
 """Former name of `plot_platform`."""
+
+
+def view(design: Design, audited: Audit | None = None) -> View:
+    """Return the 3-D view of the page of a design, for a cell of a notebook or as a page of its own.
+
+    Args:
+        design: the design.
+        audited: its audit; None: audit it.
+
+    Raises:
+        BadInput: `design` is not a Design.
+
+    Example:
+        >>> from topo_search import read_answer, view
+        >>> view(read_answer("hover-2").design)
+        <3-D view of push: 2 modules, a10>
+    """
+    if not isinstance(design, Design):
+        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
+    return View.of(design, audited or audit(design))
 
 
 def compare(first: str | Path, second: str | Path, *, out: str | Path | None = None) -> Comparison:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from importlib import import_module
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -218,6 +219,10 @@ class Design(Geometry):
         )
 
     _repr_html_ = design_html
+
+    def view(self) -> Any:
+        """Return the 3-D view of the design's page, for a cell of a notebook: `topo_search.view(design)`."""
+        return import_module("topo_search").view(self)
 
     @staticmethod
     def gap_of(objective: float, lower_bound: float) -> float | None:

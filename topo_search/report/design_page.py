@@ -27,6 +27,7 @@ from topo_search.report.headline import Compared, card, headline
 from topo_search.report.polytope import polytopes
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules, quantity, rounded_down, rounded_up, sentence
+from topo_search.simulation.files import POSE
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -124,7 +125,9 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
     if result.design != digest_of(design):
         rule = "must be the digest of this design; fly it again with --out"
         raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
-    course = _course(folder / "flight.csv")
+    path = folder / "flight.csv"
+    with as_bad_input(str(path)):
+        course = course_of(load_text(path, most_bytes=LIMITS.result_bytes))
     options = result.options
     rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
     sentences = (
@@ -141,7 +144,14 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
     caption = "Position error, attitude error and largest input; click a name to hide that flight"
     scenarios = Table(("scenario", "outcome", *CELLS, "reason"), [*map(_row, result.scenarios)], range(2, 8))
     chart = ("simulated-course", caption, _figure(course)) if course else None
-    return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
+    flights = flights_of(course, result)
+    return {
+        "outcome": word(result),
+        "scenarios": scenarios,
+        "course": chart,
+        "sentences": sentences,
+        "flights": flights,
+    }
 
 
 def _row(scenario: ScenarioResult) -> tuple[str, ...]:
@@ -150,15 +160,37 @@ def _row(scenario: ScenarioResult) -> tuple[str, ...]:
     return scenario.name, outcome, *cells, scenario.reason or ""
 
 
-def _course(path: Path) -> dict[str, Array]:
-    """Return the time series of each flight, (T, 1 + 5): time, then `COURSE`."""
+def course_of(text: str) -> dict[str, Array]:
+    """Return the time series of each flight: time, `COURSE` and, but for older files, `POSE`.
+
+    Args:
+        text: the content of flight.csv.
+    """
     import pandas as pd  # slow to import, and other pages do not need it
 
-    numbers = ["time_s", *COURSE]
-    with as_bad_input(str(path)):
-        text = io.StringIO(load_text(path, most_bytes=LIMITS.result_bytes))
-        rows = pd.read_csv(text, usecols=["scenario", *numbers], dtype=dict.fromkeys(numbers, "float64")).dropna()
-    return {str(name): flight[numbers].to_numpy() for name, flight in rows.groupby("scenario", sort=False)}
+    numbers, columns = ["time_s", *COURSE], ["time_s", *COURSE, *POSE]
+    rows = pd.read_csv(
+        io.StringIO(text),
+        usecols=lambda name: name in ("scenario", *columns),
+        dtype=dict.fromkeys(columns, "float64"),
+    )
+    rows = rows.dropna(subset=numbers).reindex(columns=["scenario", *columns])
+    return {str(name): flight[columns].to_numpy() for name, flight in rows.groupby("scenario", sort=False)}
+
+
+def flights_of(course: dict[str, Array], result: FlightResult) -> list[dict[str, Any]]:
+    """Return the flights that the 3-D view plays: rows of time, position, quaternion without its scalar, errors."""
+    outcomes = {scenario.name: word(scenario) for scenario in result.scenarios}
+    played = []
+    for name, rows in course.items():
+        time, error, tilt, largest, position, turn = np.split(rows[::3], [1, 4, 5, 6, 9], axis=1)
+        if np.isnan(turn).any():  # a file of an older version
+            return []
+        vector = turn[:, 1:] * np.where(turn[:, :1] < 0, -1, 1)
+        away = 100 * np.linalg.norm(error, axis=1, keepdims=True)
+        shown = np.hstack([time, position, vector, away, tilt, 100 * largest])
+        played.append({"name": name, "outcome": outcomes[name], "rows": (shown.round(4) + 0.0).tolist()})
+    return played
 
 
 def _figure(course: dict[str, Array]) -> Figure:

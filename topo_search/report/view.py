@@ -23,7 +23,7 @@ only drawn; the figures beside it are proven by the audit.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,7 +113,14 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
     return None if polytope is None else (weight * (polytope.points - carried), polytope.simplices)
 
 
-def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+def view(
+    design: Design,
+    poses: Platform,
+    audit: Audit | None,
+    *,
+    forces: bool = False,
+    flights: Sequence[dict[str, Any]] = (),
+) -> dict[str, Any]:
     """Return the data of the 3-D view of a design, which the page's script draws.
 
     Args:
@@ -121,6 +128,7 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
         poses: its poses.
         audit: its audit.
         forces: whether to add the forces that it can exert in hover, which takes a second or more.
+        flights: flights to play.
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
@@ -138,6 +146,7 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
         "forces": _forces(design, poses, audit) if forces else None,
+        "flights": flights,
     }
 
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:  # MuJoCo loads a graphics library, which may be missing
 
 FRAMES_EVERY = 16
 """Control steps per frame: 12.5 Hz in real time."""
+POSE = ("x_m", "y_m", "z_m", "q_w", "q_x", "q_y", "q_z")
+"""Columns of `Track.pose`."""
 WIDTH, HEIGHT = 400, 300
 """Size of a frame [pixels]."""
 
@@ -46,12 +48,12 @@ def time_series(flown: Sequence[FlownScenario]) -> str:
         (
             *(scenario.name, round(track.time[k], 6), *track.error[k].tolist(), track.tilt[k]),
             *(*track.force[k].tolist(), float(track.shares[k].max()), float(track.shares[k].mean())),
-            float(np.linalg.norm(track.missing[k][:3])),
+            *(float(np.linalg.norm(track.missing[k][:3])), *track.pose[k].tolist()),
         )
         for scenario, track in flown
         for k in range(0, len(track.time), every)
     ]
-    return csv_text((*head, "force_z_N", "largest_input", "mean_input", "missing_force_share"), rows)
+    return csv_text((*head, "force_z_N", "largest_input", "mean_input", "missing_force_share", *POSE), rows)
 
 
 def plot(flown: Sequence[FlownScenario], result: FlightResult) -> bytes:

@@ -45,6 +45,8 @@ class Track:
     """Commanded thrusts over the largest."""
     missing: list[Array] = field(default_factory=list)
     """Part of the commanded wrench that is not produced, in weights and arm lengths times weights."""
+    pose: list[Array] = field(default_factory=list)
+    """Distance from the design's place, where the tip touches any wall [m], and attitude as quaternion, (7,)."""
 
 
 @dataclass(frozen=True)
@@ -211,6 +213,10 @@ def _record(
         track.force.append(np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity))
     track.shares.append(share)
     track.missing.append(missing)
+    pose = plant.data.qpos[:7].copy()
+    if scenario.wall is not None:
+        pose[:3] -= scenario.wall.gap * scenario.wall.towards
+    track.pose.append(pose)
 
 
 def _add_noise(state: State, factor: float, rng: np.random.Generator) -> State:

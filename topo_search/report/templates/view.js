@@ -5,6 +5,7 @@ const HIDDEN_AT_FIRST = ["airflow", "cones", "closest", "connectors", "offset"];
 const FRAMED = ["modules", "rotors", "axes", "joints", "rod", "tip", "case", "contact", "forces"]; // the view is fitted to these
 const WITH_TOOLTIP = ["modules", "rotors", "airflow"]; // airflow encloses its module
 const UNSHADED = ["airflow", "cones", "regions", "walls", "violated", "forces", "contact"]; // kinds that cast no shadow
+const STAYS = ["regions", "walls", "solids", "cones"]; // kinds that do not fly along
 const THROTTLE = ["#f0f0f0", "#f2b779", "#c8401c"]; // at 0, 50 and 100 %
 const ROOM = [1.4, 1.4, 2.4]; // box of the air, over the size of the framed points
 const PAPER = 640; // width of a printed picture [px]
@@ -30,6 +31,18 @@ class View {
     for (const input of element.querySelectorAll("[data-air]")) {
       input.addEventListener("change", () => this.showAir(input.dataset.air, input.value));
     }
+    element.querySelector("[data-flights]")?.addEventListener("change", ({ target }) => target.value && this.fly(Number(target.value)));
+    element.querySelector("[data-play]")?.addEventListener("click", () => this.play());
+    this.slider = element.querySelector("[data-time]");
+    this.slider?.addEventListener("input", () => this.seek(Number(this.slider.value)));
+    this.plot.addEventListener("keydown", (event) => this.stage?.key(event));
+    this.labels = new Labels(this.plot.parentElement);
+    this.start();
+  }
+
+  // Starts WebGL, of which a browser gives about 16 views a context at a time.
+  start() {
+    if (this.stage) return;
     this.value = read(this.plot.dataset.view);
     try {
       this.stage = new Stage(this.plot, this.value.towards, (orbit) => this.linked?.turn(orbit));
@@ -40,11 +53,22 @@ class View {
     this.load();
   }
 
+  // Gives the context back, and leaves a picture.
+  stop() {
+    if (!this.stage) return;
+    this.pause();
+    this.orbit = this.stage.orbit;
+    this.stage.picture();
+    const picture = Object.assign(new Image(), { className: "still", alt: "", src: this.stage.canvas.toDataURL() });
+    this.stage.remove();
+    this.stage = null;
+    this.plot.replaceChildren(picture);
+  }
+
   listen() {
     const { stage, plot } = this;
-    this.labels = new Labels(plot.parentElement);
+    stage.orbit = this.orbit ?? stage.orbit;
     stage.drawn = () => this.labels.draw(stage);
-    plot.addEventListener("keydown", (event) => stage.key(event));
     const hover = this.element.querySelector(".hover");
     stage.canvas.addEventListener("pointermove", (event) => {
       const hit = event.buttons ? undefined : stage.under(event);
@@ -76,6 +100,68 @@ class View {
     this.choose(this.choice.kind === "case" ? this.choice : { kind: "case", number: 0 }, air);
   }
 
+  // Shows a flight from its start, and plays it.
+  fly(number) {
+    this.pause();
+    this.time = 0;
+    this.choose({ kind: "flight", number });
+    this.play();
+  }
+
+  // Plays the flight that is shown, or pauses; from the start if it is at its end.
+  play() {
+    if (this.playing) return this.pause();
+    const { rows } = this.value.flights[this.choice.number];
+    const end = rows.at(-1)[0];
+    if (this.time >= end) this.time = 0;
+    this.element.querySelector("[data-play]").textContent = "Pause";
+    let last = performance.now();
+    const step = (now) => {
+      this.playing = this.time < end ? requestAnimationFrame(step) : this.pause();
+      this.seek(Math.min(end, this.time + (now - last) / 1000));
+      last = now;
+    };
+    this.playing = requestAnimationFrame(step);
+  }
+
+  pause() {
+    cancelAnimationFrame(this.playing);
+    this.playing = undefined;
+    const button = this.element.querySelector("[data-play]");
+    if (button) button.textContent = "Play";
+  }
+
+  // Moves the platform to where it is at a time of the flight [s].
+  seek(time) {
+    this.time = time;
+    const { rows } = this.value.flights[this.choice.number];
+    const after = Math.max(1, rows.findIndex(([at]) => at > time));
+    const [a, b] = [rows[after - 1], rows[after] ?? rows.at(-1)];
+    const share = Math.min(1, Math.max(0, (time - a[0]) / (b[0] - a[0] || 1)));
+    const [, x, y, z, , , , away, tilt, input] = a.map((value, k) => value + share * (b[k] - value));
+    const [from, to] = [a, b].map(([, , , , i, j, k]) => new THREE.Quaternion(i, j, k, Math.sqrt(Math.max(0, 1 - i * i - j * j - k * k))));
+    const centre = new THREE.Vector3(...this.value.marks[1][1]); // of mass
+    this.motion = new THREE.Matrix4().compose(centre.clone().add({ x, y, z }), from.slerp(to, share), new THREE.Vector3(1, 1, 1));
+    this.motion.multiply(new THREE.Matrix4().makeTranslation(...centre.negate().toArray()));
+    this.slider.max = rows.at(-1)[0];
+    this.slider.value = time;
+    const numbers = `${time.toFixed(2)} s: ${away.toFixed(1)} cm off, ${tilt.toFixed(1)}° tilted, largest input ${input.toFixed(0)} %`;
+    this.element.querySelector(".readout").textContent = numbers;
+    this.move();
+  }
+
+  // Puts what flies along in its place.
+  move() {
+    if (!this.stage) return;
+    for (const object of this.stage.content.children) {
+      if (STAYS.includes(object.name)) continue;
+      Object.assign(object, { matrixAutoUpdate: false, matrixWorldNeedsUpdate: true });
+      object.matrix.copy(this.motion);
+    }
+    this.labels.marks = this.marks().map(({ text, at }) => ({ text, at: new THREE.Vector3(...at).applyMatrix4(this.motion).toArray() }));
+    this.stage.render();
+  }
+
   // Hides a kind of part, or shows it again.
   toggle(kind) {
     const hidden = new Set(this.hidden);
@@ -85,7 +171,8 @@ class View {
 
   set({ kind, number }, air, hidden) {
     Object.assign(this, { air, hidden });
-    const last = (kind === "assembly" ? this.value.steps : this.value.cases).length - 1;
+    const last = (kind === "assembly" ? this.value.steps : kind === "flight" ? this.value.flights : this.value.cases).length - 1;
+    if (kind !== "flight") this.pause();
     this.choice = { kind, number: Math.max(0, Math.min(last, number)) };
     this.show();
   }
@@ -105,6 +192,7 @@ class View {
 
   remove() {
     this.linked = null;
+    this.pause();
     this.stage?.remove();
   }
 
@@ -170,6 +258,10 @@ class View {
     for (const [name, value] of Object.entries({ speed, across })) this.element.querySelector(`[data-air=${name}]`).value = value;
     this.element.querySelector("[data-air=at]").parentElement.hidden = !across;
     this.element.querySelector(".steps").hidden = kind !== "assembly";
+    if (this.slider) {
+      this.slider.parentElement.hidden = kind !== "flight";
+      this.element.querySelector("[data-flights]").value = kind === "flight" ? number : "";
+    }
     if (!this.stage) return;
     const { content } = this.stage;
     this.stage.clear(content);
@@ -184,20 +276,24 @@ class View {
     if (kind === "case" && (speed || across)) content.add(...this.airObjects(number, points));
     this.labels.set(this.marks(), this.stage.cell);
     this.fillLegend();
-    this.stage.render();
+    if (kind === "flight") this.seek(this.time);
+    else this.stage.render();
   }
 
   // Returns the corners of the boxes to fit the view to; the same for all load cases and assembly steps.
   framed() {
     const cases = this.choice.kind === "case" ? this.value.cases.flatMap((loadCase) => loadCase.parts) : [];
     const framed = [...this.parts(), ...cases].filter((part) => FRAMED.includes(part.kind));
-    return framed.flatMap((part) => {
+    const points = framed.flatMap((part) => {
       const { corners } = typeof part.mesh === "string" ? this.meshes[part.mesh] : part.mesh;
       const { min, max } = new THREE.Box3().setFromArray(corners);
       const ends = [min, max];
       const all = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => new THREE.Vector3(ends[k & 1].x, ends[(k >> 1) & 1].y, ends[k >> 2].z));
       return part.steps.flatMap((_, k) => all.map((corner) => corner.clone().applyMatrix4(this.pose(part.modules[k]))));
     });
+    if (this.choice.kind !== "flight") return points;
+    const way = new THREE.Box3().setFromPoints(this.value.flights[this.choice.number].rows.map(([, ...at]) => new THREE.Vector3(...at)));
+    return [way.min, way.max].flatMap((aside) => points.map((point) => point.clone().add(aside)));
   }
 
   // Fills the legend: buttons that hide or show parts, and colour scales.
@@ -252,6 +348,7 @@ class View {
       return `${cases[number].name}: ${cases[number].description}. Rotors are coloured by throttle.${air}`;
     }
     if (kind === "forces") return this.value.forces.description;
+    if (kind === "flight") return `${this.value.flights[number].name}, in simulation: ${this.value.flights[number].outcome}.`;
     if (kind === "assembly") return `Step ${number + 1} of ${steps.length}: ${steps[number]}`;
     return this.value.closest ?? "";
   }

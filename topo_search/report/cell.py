@@ -1,0 +1,39 @@
+"""The 3-D view of a design in a cell of a notebook: a page of its own, in a frame."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from typing import Any, Self
+
+from topo_search.limits import quantity
+from topo_search.model import Audit, Design
+from topo_search.model.files import write_atomically
+
+
+@dataclass(frozen=True)
+class View:
+    """A 3-D view, which a notebook shows in a cell; it works offline."""
+
+    title: str
+    html: str
+    """The page; three.js is inside."""
+
+    @classmethod
+    def of(cls, design: Design, audit: Audit, flights: Sequence[dict[str, Any]] = ()) -> Self:
+        """Return the view of a design, and of flights as `flights_of` returns them."""
+        from topo_search.report.page import render_view  # slow to import
+
+        title = f"{design.task.name}: {quantity(design.topology.n, 'module')}, {design.topology.key}"
+        return cls(title, render_view(design, audit, flights))
+
+    def write_html(self, path: str | Path) -> None:
+        """Write the page to a file."""
+        write_atomically(Path(path), self.html)
+
+    def __repr__(self) -> str:
+        return f"<3-D view of {self.title}>"
+
+    def _repr_html_(self) -> str:
+        frame = 'style="width: 100%; height: 560px; border: 0" loading="lazy"'
+        return f'<iframe title="{escape(repr(self)[1:-1])}" {frame} srcdoc="{escape(self.html)}"></iframe>'
