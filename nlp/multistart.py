@@ -3,7 +3,8 @@
 A start is a handful of cheap descents from random points. The best descents of all starts that are searched
 together continue at high prices, and Ipopt polishes the best of their distinct minima on the full problem. Starts
 that reach the same minimum share its design. If no start leads to a design, a deeper search runs with the fourth
-start (`DEEP`) before a tree counts as infeasible.
+start (`DEEP`) before a tree counts as infeasible. Where a task asks for a value of a maximised quantity, any design
+will do, and all starts descend at high prices from the first.
 """
 
 import math
@@ -159,20 +160,20 @@ class ReducedSearch:
             minima += [replace(minimum, starts=(start,)) for minimum in best]
         return minima
 
-    def deep_minima(self, least_violation: float) -> list[Descent]:
+    def deep_minima(self, least_violation: float, first: int) -> list[Descent]:
         """Return the best distinct local minima of many starts at high prices, with hinges turned either way.
 
-        The search runs in batches. It stops when a minimum violates next to nothing, or when the later half of the
-        batches hardly decreased the merit. With limits on air speed, whose rows cost more, it runs one batch, and
-        none if `least_violation`, that of the other starts, is large.
+        The search runs in batches, from the start `first`. It stops when a minimum violates next to nothing, or when
+        the later half of the batches hardly decreased the merit. With limits on air speed, whose rows cost more, it
+        runs one batch, and none if `least_violation`, that of the other starts, is large.
         """
         minima: list[Descent] = []
         if self._in_air and least_violation > DEEP.max_violation:
             return minima
         least_merits: list[float] = []  # after each batch
         size = DEEP.batch * self._topology.n
-        for batch in range(0, DEEP.max_starts, size):
-            starts = range(batch, min(batch + size, DEEP.max_starts))
+        for batch in range(first, first + DEEP.max_starts, size):
+            starts = range(batch, min(batch + size, first + DEEP.max_starts))
             minima += self.minima_of_starts(starts, deep=True)[0]
             if self._in_air or min(minimum.violation for minimum in minima) <= DEEP.close:
                 break
@@ -267,13 +268,13 @@ def solve_starts(
     best = search.minima_of_sources(near)
     if most_effort is not None:
         return list(search.polish(best + search.minima_of_starts(starts)[0]))
-    stopped: list[Descent] = []
+    stopped, asked = list[Descent](), task.search.reached is not None
     if starts:
-        reached, stopped = search.minima_of_starts(starts)
+        reached, stopped = search.minima_of_starts(starts, deep=asked)
         best += reached
     polished = list(search.polish(best))
     if DEEP.start in starts and not any(result.worst.met for result in polished):
-        deep = search.deep_minima(min(minimum.violation for minimum in best))
+        deep = search.deep_minima(min(minimum.violation for minimum in best), starts.stop if asked else 0)
         polished += [replace(result, start=DEEP.start) for result in search.polish(deep)]
     by_start: dict[int, StartResult] = {}
     for result in sorted(polished, key=lambda result: result.rank):

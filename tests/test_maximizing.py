@@ -1,5 +1,6 @@
 """The search for the most capable platform: its solver, its order, its answer."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from capability_cases import drawn, held, platform_at
+from commands import invoke
 from scipy.optimize import minimize
 
 from nlp.assembled.problem import AssembledProblem
@@ -122,6 +124,9 @@ def test_the_answer_speaks_of_the_value(answer):
     assert size.objective.words(best).startswith("force reserve 2.4")
     assert "force reserve" in str(answer)
     assert answer.candidates.loc[0, "value"] == best.value
+    told = json.loads(invoke("show", answer.folder, "--json").stdout)
+    assert told["best"]["value"] == best.value
+    assert told["sizes"][0]["objective"] == "largest force reserve"
 
 
 def test_a_run_is_proven_and_its_proof_is_checked(answer):

@@ -188,4 +188,5 @@ def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[s
 
 
 def _size_as_json(size: ts.SizeAnswer) -> dict[str, Any]:
-    return {**asdict(size), "relaxed": size.relaxed and size.relaxed.model_dump(mode="json")}
+    relaxed = size.relaxed and size.relaxed.model_dump(mode="json")
+    return {**asdict(size), "relaxed": relaxed, "objective": size.objective.least}
