@@ -163,7 +163,7 @@ class ReducedSearch:
     def deep_minima(self, least_violation: float, first: int) -> list[Descent]:
         """Return the best distinct local minima of many starts at high prices, with hinges turned either way.
 
-        The search runs in batches, from the start `first`. It stops when a minimum violates next to nothing, or when
+        The search runs in batches from the start `first`. It stops when a minimum violates next to nothing, or when
         the later half of the batches hardly decreased the merit. With limits on air speed, whose rows cost more, it
         runs one batch, and none if `least_violation`, that of the other starts, is large.
         """
