@@ -260,7 +260,7 @@ def _geometry(point: Point) -> Geometry:
         topology=point.topology,
         topology_key=point.topology.key,
         root_orientation_rad=divide(point.root, 1.0),
-        hinge_angles_rad=tuple(point.alpha.tolist()),
+        hinge_angles_rad=tuple((point.alpha + 0.0).tolist()),
         end_effector_m=divide(point.tip, 1.0),
         mount=rod and Mount(module=rod.module, port=rod.port),
     )

@@ -136,7 +136,7 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--round", 8], "--round require --strategy optuna"),
         (["run", "toy.toml", "--modules", "12", "--workers", 2], "choose the strategy: `optuna` solves the most"),
         (["run", "toy.toml", "--out", "toy.toml"], "cannot be created: File exists"),
-        (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a` or `p`, but got 'b00'"),
+        (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a`, `p` or `f`, but got 'b00'"),
         (
             ["solve", "toy.toml", "--topology", "a10", "--modules", 3],
             "must have the number of modules of --modules",

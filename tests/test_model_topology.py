@@ -94,7 +94,7 @@ def test_a_hand_made_key() -> None:
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("", "starts with `a` or `p`"),
+        ("", "starts with `a`, `p` or `f`"),
         ("a", "ends before 1 of its modules"),
         ("a00", "describes 1 modules but has 2 digits"),
         ("a18", "must be under 8"),

@@ -47,7 +47,7 @@ def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
         ([], "must list at least one topology, but has none"),
         (["a10"], r"\[0\]: must have 3 modules, as the task asks, but a10 has 2"),
         (["a500", "a500"], r"\[1\]: must be listed once, but a500 is in \[0\] already"),
-        (["zz"], r"\[0\]: a topology key starts with `a` or `p`, but got 'zz'"),
+        (["zz"], r"\[0\]: a topology key starts with `a`, `p` or `f`, but got 'zz'"),
         (["p308"], 'p308 needs search.connectors = "any", but the task has "aligned"'),
         ([7], r"\[0\]: must be a Topology, a key or a networkx graph, but got int"),
         ([nx.cycle_graph(3)], "must be a tree, but got a graph of 3 nodes and 3 edges"),

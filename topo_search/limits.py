@@ -26,6 +26,8 @@ class Limits:
 
     modules: int = 200
     """Modules of a platform."""
+    lattice_modules: int = 10
+    """Modules of a flat lattice; of ten there are 36,446."""
     sizes: int = 20
     """Numbers of modules in one task."""
     listed_modules: int = 1_000

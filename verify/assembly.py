@@ -26,7 +26,7 @@ def assembly(scene: Scene) -> Assembly:
     design = scene.design
     joints = tuple(
         BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=clamp(math.degrees(alpha)))
-        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+        for (h, a, i, b), alpha in design.bolts
     )
     connectors = free_connectors(scene)
     mount = design.mount or best_available(connectors, scene)

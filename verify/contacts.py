@@ -42,7 +42,7 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
     task, modules = scene.design.task, scene.modules
     counts = task.body_clearance is not None
     needs_rod = counts or task.end_effector.rod == "straight"
-    joints = {(h, i): ports for h, i, *ports in scene.design.topology.edges()}
+    joints = {(h, i): (a, b) for h, a, i, b in scene.design.topology.bolts}
     l_c = task.module.connector_distance / scene.l_arm
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
@@ -89,7 +89,7 @@ def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContac
     near_connector = f"from {INWARDS * l_c:g} mm inside the connector's plane to {OUTWARDS * l_c:g} mm past it"
     joints = [
         AllowedContact(kind="body", a=h, b=i, parts=f"hub and arms, by ports {a} and {b}, {near_connector}")
-        for h, i, a, b in design.topology.edges()
+        for h, a, i, b in design.topology.bolts
     ]
     if mount is None:
         return tuple(joints)

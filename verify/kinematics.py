@@ -67,7 +67,7 @@ class Platform(NamedTuple):
     thrust_axes: Array
     """a_iq, shape (n, r, 3)."""
     joints: Array
-    """Joints of modules 1..n-1 with their parents, from the COM, shape (n - 1, 3) [m]."""
+    """Joints of modules 1..n-1 with their parents, then closures, from the COM, shape (n - 1 + c, 3) [m]."""
     rod: Array = np.zeros((0, 2, 3))
     """Midpoint of the rod from the COM, vector from there to p_E, shape (1, 2, 3) [m]; empty if mass is ignored."""
 
@@ -144,9 +144,9 @@ def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
     p_E_in_W = np.array(design.end_effector_m)
     connectors = [
         poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
-        for h, _, a, _ in design.topology.edges()
+        for h, a, _, _ in design.topology.bolts
     ]
-    joints = np.array(connectors).reshape(n - 1, 3)
+    joints = np.array(connectors).reshape(-1, 3)
     moment = module.mass * poses.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
     moment += task.end_effector.mass * p_E_in_W
     rod, counted = np.zeros((0, 2, 3)), task.end_effector.counted_rod

@@ -291,10 +291,11 @@ class Tolerance:
         """Set what moves the centre of mass relative to p_E, as shares of the platform's mass."""
         scene, task, n, levers = self.scene, self.scene.design.task, self._tip, self._levers
         M, end_effector = task.total_mass(n), task.end_effector
-        parents = [h for h, _, _, _ in scene.design.topology.edges()]
-        masses = np.repeat([task.module.mass, task.module.joint_mass], [n, n - 1]) / M
-        points = np.concatenate([scene.centres, levers.origins])
-        side = _Side(points, np.zeros_like(points), np.zeros(len(points)), np.array([*range(n), *parents]))
+        holders = [h for h, _, _, _ in scene.design.topology.bolts]
+        masses = np.repeat([task.module.mass, task.module.joint_mass], [n, len(holders)]) / M
+        joints = scene.centres[holders] + (scene.platform.joints - scene.platform.o[holders]) / scene.l_arm
+        points = np.concatenate([scene.centres, joints])
+        side = _Side(points, np.zeros_like(points), np.zeros(len(points)), np.array([*range(n), *holders]))
         self._share = task.module.mass / M
         self._turning = float(masses @ levers.motion(side, np.zeros((len(points), n - 1), dtype=bool))[:, 0])
         rod, counted = scene.platform.rod, end_effector.counted_rod

@@ -97,7 +97,7 @@ def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Mas
     modules, moments, unit = np.ones(topology.n), np.zeros((topology.n, 2)), module.arm_length
     half, l_c = module.joint_mass / module.mass / 2, module.connector_distance / unit
     inertias = np.tile(np.diag(module.inertia) / (module.mass * unit**2), (topology.n, 1, 1))
-    at_ports = [(module_i, port, half) for h, i, a, b in topology.edges() for module_i, port in ((h, a), (i, b))]
+    at_ports = [(module_i, port, half) for h, a, i, b in topology.bolts for module_i, port in ((h, a), (i, b))]
     tip_kg, rod, counted = end_effector.mass, RodMass(0.0, 0, (0.0, 0.0, 0.0), 0.0), end_effector.counted_rod
     if counted is not None:
         x, y, z = (l_c * PORT_DIRECTIONS[counted.port]).tolist()

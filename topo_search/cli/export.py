@@ -117,7 +117,7 @@ def export(
         shows_gap = chosen.noun == "picture" or chosen.own
         design, notes = (read_design if shows_gap else read_completed)(source), tuple[str, ...]()
         if chosen.name in ("kit", "sheet"):
-            require_room(design.task.module)
+            require_room(design)
         if angle_step is None:
             audited = audit(design)
         else:

@@ -84,14 +84,20 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool
 @options.choice("--symmetry", options.SYMMETRIES, "Symmetries under which trees count as one.", default="c2")
 @options.connectors
 @options.root
+@options.choice("--lattice", ["flat"], "Flat lattices, neighbours bolted and cycles allowed, instead of trees.")
 @options.as_json
 def topologies(
-    n: int, only_count: bool, size: int | None, seed: int, symmetry: Any, connectors: Any, root: Any
+    n: int, only_count: bool, size: int | None, seed: int, symmetry: Any, connectors: Any, root: Any, lattice: Any
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
     from topo_search.topologies import Family
+    from topo_search.topologies.lattices import Lattices
 
-    family = Family(n, symmetry=symmetry, connectors=connectors or "aligned", root=root or "free")
+    if lattice and (n > LIMITS.lattice_modules or connectors == "any"):
+        rule = f"takes at most {LIMITS.lattice_modules} modules, with aligned connectors"
+        raise ts.BadInput("--lattice", rule)
+    kind = Lattices if lattice else Family
+    family = kind(n, symmetry=symmetry, connectors=connectors or "aligned", root=root or "free")
     if only_count:
         click.echo(family.count())
         return

@@ -41,7 +41,8 @@ class SolverAndAudit:
     constraints: tuple[OwnConstraint, ...] = ()
 
     def solve(self, job: Job) -> Design | Infeasible:
-        """Solve one topology."""
+        """Solve one topology, with the mass of all its joints."""
+        job = _with_all_joints(job)
         if job.task.search.maximize is not None:
             return MostCapable(job, self._solve, self.local_optima, self.audit, self.constraints).best()
         return self._solve(job)
@@ -52,6 +53,7 @@ class SolverAndAudit:
 
     def local_optima(self, job: Job, max_effort: float) -> list[Design]:
         """Find the local optima of one topology."""
+        job = _with_all_joints(job)
         designs = nlp.local_optima(job.task, job.topology, most_effort=max_effort, **self._options(job))
         return [self.mount_rod(job.task, design) for design in designs]
 
@@ -86,6 +88,10 @@ class SolverAndAudit:
             return design.model_copy(update={"mount": mount, "task": task})
         # the given task to the last digit, with that rod, whatever rods the solver tried
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
+
+
+def _with_all_joints(job: Job) -> Job:
+    return replace(job, task=job.task.with_closures(len(job.topology.closures)))
 
 
 def backends(constraints: Sequence[OwnConstraint]) -> Backends:

@@ -14,7 +14,7 @@ from topo_search.compose.binding import backends, enclose_speed, own_constraints
 from topo_search.engine import Failed, Outcome
 from topo_search.engine.workers import audit_deadline, audit_job
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Clearance, Design, Fault, Geometry, ResolvedTask, Status, Task
+from topo_search.model import Audit, BadInput, Clearance, Design, Geometry, ResolvedTask, Status, Task
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import load_json, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
@@ -24,7 +24,7 @@ from topo_search.own_constraint import OwnConstraint
 from topo_search.report.cell import View
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
-from topo_search.topologies.own_topologies import OwnTopology, own_topology
+from topo_search.topologies.own_topologies import OwnTopology, own_topology, refuse_joints
 
 if TYPE_CHECKING:
     from topo_search.report.design_page import Comparison
@@ -81,9 +81,8 @@ def solve(
         raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
     user_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
     resolved = user_task.resolve(tree.n)
-    if resolved.search.connectors == "aligned" and not tree.aligned:
-        rule = f'{tree.key} needs search.connectors = "any", but the task has "aligned"'
-        raise BadInput(resolved.name, [Fault("topology", rule)])
+    with as_bad_input(f"{resolved.name}: topology"):
+        refuse_joints(tree, resolved)
     designs, user_constraints = starting_points(near), own_constraints(constraints)
     nlp.refuse_unusable(user_constraints, resolved, tree)
     nlp.prepare(resolved, note)

@@ -43,10 +43,12 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
         step_deg: hinge angles become multiples of this step, at least 0.1 [deg].
 
     Raises:
-        NotClear: no rounding is clear; the message names a smaller step that leads to a clear design, if there is
-            one.
+        NotClear: no rounding is clear, or all hinges of a flat lattice are 0; the message names a smaller step that
+            leads to a clear design, if there is one.
         RuntimeError: an audit failed; the message gives the reason.
     """
+    if design.task.search.lattice is not None:
+        raise NotClear("all hinges of a flat lattice are at 0 deg")
     try:
         rounded, after = _round(design, step_deg)
     except NotClear as reason:

@@ -107,6 +107,8 @@ def flight_lines(flight: Flight) -> Iterator[str]:
         worst = max(loads, key=lambda load: load.moment_Nm)
         size = f"{upper_text(worst.moment_Nm, 3)} N m and {upper_text(worst.force_N, 3)} N"
         yield f"largest moment in a joint: {size}, between modules {worst.module} and {worst.child} in {worst.case}"
+    if count := flight.joints_in_cycles:
+        yield f"moments in the {count} joints of cycles are statically indeterminate, and not computed"
     if flight.hover_input is not None and flight.hover_power_excess is not None:
         yield (
             f"hover takes {100 * flight.hover_input:.3g} % of the largest input on average, and "

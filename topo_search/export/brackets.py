@@ -32,7 +32,6 @@ from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.joint_mass import strut_width, tube_room
-from topo_search.model.module import Module
 from topo_search.model.proven import lower_text
 from topo_search.model.value import BadInput, Fault
 from verify.kinematics import platform, rotation
@@ -90,7 +89,7 @@ def brackets(design: Design) -> list[PrintedPart]:
         BadInput: there is no room for them between a connector and the modules' centres.
     """
     module = design.task.module
-    require_room(module)
+    require_room(design)
     kinds = Counter(map(abs, bracket_turns(design)))
     return [
         PrintedPart("bracket", bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
@@ -215,7 +214,7 @@ def mount(design: Design) -> Iterator[PrintedPart]:
     poses = platform(design)
     rod = rod_of(design, poses)
     if rod is not None and design.mount is not None:
-        require_room(design.task.module)
+        require_room(design)
         if rod.radius > (most := tube_room(design.task.module.bracket_sizes)):
             rule = f"must be at most {lower_text(most, 2)}, so that the bolts of the rod's mount have room"
             fault = Fault("end_effector.rod_radius", f"{rule}, but got {rod.radius:g}")
@@ -231,8 +230,12 @@ def grip_of(rod: RodPose) -> float:
     return min(6 * rod.radius, rod.length)
 
 
-def require_room(module: Module) -> None:
-    """Reject brackets that reach the modules' centres."""
+def require_room(design: Design) -> None:
+    """Reject brackets that reach the modules' centres, and those of cycles."""
+    module = design.task.module
+    if design.topology.closures:
+        rule = "must be a tree for brackets and sheets: what loads the joints of a cycle is not known"
+        raise BadInput("the design", [Fault("topology", rule)])
     d, l_c = module.bracket_sizes.set_back, module.connector_distance
     if d >= l_c:
         rule = (

@@ -234,6 +234,12 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         if kappa := (a + 2 - b) % 4:
             beyond_hinge["euler"] = numbers(kappa * math.pi / 2, 0, 0)
         bodies.append(_module_body(hinge, i, beyond_hinge, module))
+    for k, (i, a, _, _) in enumerate(design.topology.closures):  # no loop: the modules are one body already
+        connector = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
+        closure = SubElement(bodies[i], "body", name=f"closure_{k}", pos=connector)
+        _point_mass(closure, module.joint_mass)
+        _bar(bodies[i], a, module)
+        _bar(closure, a, module)
     end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*poses.p_e))
     _point_mass(end_effector, task.end_effector.mass)
     rod = rod_of(design, poses)

@@ -232,7 +232,7 @@ class Drawing:
     def platform(self) -> None:
         """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
         module, poses = self.design.task.module, self.poses
-        for h, i, a, _ in self.design.topology.edges():
+        for h, a, i, _ in self.design.topology.bolts:
             joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
         frame, rotors = solids.frame(module), solids.join(solids.rotor_discs(module, sides=12))

@@ -119,7 +119,7 @@ def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[i
         "style": f"width:{90 * width:.0f}px",
     }
     svg = ElementTree.Element("svg", {"xmlns": "http://www.w3.org/2000/svg", **shown, **words})
-    for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
+    for (h, a, i, b), alpha in design.bolts:
         endpoints = centres[[h, i]]
         (x1, y1), (x2, y2) = endpoints
         stroke, wide = (palette.END_EFFECTOR, 0.1) if {h, i} <= {*marked} else (palette.CONNECTOR, 0.05)

@@ -70,6 +70,10 @@ def urdf(design: Design) -> str:
             connector = module.connector_distance * F[h].T @ poses.R[h] @ PORT_DIRECTIONS[a]
             _point(robot, f"joint_{i}", module.joint_mass)
             _joint(robot, f"module_{h}", f"joint_{i}", connector, np.eye(3))
+    closing = poses.joints[design.topology.n - 1 :] + poses.p_com
+    for k, place in enumerate(closing if module.joint_mass else ()):
+        _point(robot, f"closure_{k}", module.joint_mass)
+        _joint(robot, "module_0", f"closure_{k}", place, np.eye(3))
     _point(robot, "centre_of_mass", 0.0)
     _joint(robot, "module_0", "centre_of_mass", poses.p_com, np.eye(3))
     tip = _point(robot, "end_effector", task.end_effector.mass)

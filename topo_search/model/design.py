@@ -17,8 +17,10 @@ import numpy as np
 from pydantic import (
     BeforeValidator,
     ConfigDict,
+    Field,
     PlainSerializer,
     ValidationError,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     field_serializer,
     field_validator,
@@ -30,7 +32,7 @@ from topo_search.model.features import Relaxed, ShorterRod, Stated, design_html,
 from topo_search.model.kinds import OMIT_EMPTY, Flag, Index, Number, Omitted, Vector
 from topo_search.model.proven import at_least
 from topo_search.model.task import ResolvedTask, Task
-from topo_search.model.topology import Joint, Topology
+from topo_search.model.topology import Bolt, Joint, Topology
 from topo_search.model.value import Broken, Location, Value, every_field, show
 
 
@@ -105,6 +107,8 @@ class Geometry(Value):
     task: ResolvedTask
     """The whole task with every default filled in, load cases in N and N m."""
     topology: TopologyRows
+    closures: Annotated[tuple[Bolt, ...], OMIT_EMPTY, Field(validate_default=True)] = ()
+    """[a, port_a, b, port_b] of the joints of a flat lattice beyond those of `topology`, its spanning tree."""
     topology_key: str | None = None
     root_module: Literal[0] = 0
     root_orientation_rad: Vector
@@ -115,6 +119,12 @@ class Geometry(Value):
     """p'_E in W [m]."""
     mount: Mount | None = None
     """Connector to which the end-effector's rod is bolted; None: not chosen, or no straight rod reaches it."""
+
+    @property
+    def bolts(self) -> list[tuple[Bolt, float]]:
+        """Bolted connectors with the angle of their hinge [rad], in an order of assembly."""
+        angles = (*self.hinge_angles_rad, *(0.0 for _ in self.topology.closures))
+        return sorted(zip(self.topology.bolts, angles, strict=True), key=lambda joint: joint[0][2])
 
     @field_validator("task", mode="before")
     @classmethod
@@ -130,6 +140,23 @@ class Geometry(Value):
         task = Task.model_validate(with_older_defaults(value))
         return task.resolve(task.n)
 
+    @field_validator("topology")
+    @classmethod
+    def _close(cls, topology: Topology, info: ValidationInfo) -> Topology:
+        """Bolt all neighbours of a flat lattice together."""
+        task = info.data.get("task")
+        return topology if task is None or task.search.lattice is None else topology.closed
+
+    @field_validator("closures")
+    @classmethod
+    def _fill_closures(cls, closures: tuple[Bolt, ...], info: ValidationInfo) -> tuple[Bolt, ...]:
+        """Return those of the topology; other programs may leave them out."""
+        topology = info.data.get("topology")
+        if topology is not None and closures not in ((), topology.closures):
+            rule = "must be all pairs of neighbours without a joint in `topology`, none without search.lattice"
+            raise ValueError(f"{rule}: {show(topology.closures)}, but got {show(closures)}")
+        return closures if topology is None else tuple(topology.closures)
+
     @field_serializer("task")
     def _write_every_field(self, task: ResolvedTask) -> dict[str, Any]:
         """Return the task with the fields that task files omit: a design does not depend on defaults."""
@@ -139,6 +166,8 @@ class Geometry(Value):
         """Yield (field, rule, required number, actual number) of each field with a fixed number of values."""
         n = self.topology.n
         yield ("task", "modules"), "must be the number of rows of `topology`", n, self.task.n
+        closures, field = len(self.topology.closures), ("task", "search", "closures")
+        yield field, "must be the number of `closures`", closures, self.task.search.closures or 0
         yield "hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)
 
     def _broken_rules(self) -> Broken:

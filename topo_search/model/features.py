@@ -11,6 +11,7 @@ from topo_search.model.goals import GOALS, Goals, Level, broken_goals
 from topo_search.model.html import audit_html, design_html, task_html
 from topo_search.model.joint_mass import joint_mass
 from topo_search.model.largest_value import objective_of
+from topo_search.model.lattice import broken_lattice
 from topo_search.model.maximized import broken_maximize
 from topo_search.model.mesh_file import MeshExcess
 from topo_search.model.placement import Placement
@@ -21,7 +22,7 @@ from topo_search.model.rotor_rules import broken_rotors
 from topo_search.model.sensitivity import WITHIN_TOLERANCES, Sensitivity, Tolerances
 from topo_search.model.stated import Stated, StatedCheck, Versioned
 
-TASK_RULES = (broken_hinges, broken_rotors, broken_flight, broken_goals, broken_maximize)
+TASK_RULES = (broken_lattice, broken_hinges, broken_rotors, broken_flight, broken_goals, broken_maximize)
 """Rules that a task as a whole may break, in the order of their messages."""
 CORNER_SETS = (reserve_corners, failure_corners)
 """Sets of wrenches required besides the load cases, in the order of their corners."""

@@ -5,8 +5,9 @@ Rotors may use their full range of inputs; `search.peak_input` limits the load c
 """
 
 import math
+from typing import Annotated
 
-from topo_search.model.kinds import Index, Number, Omitted, Size, Vector
+from topo_search.model.kinds import Index, Number, Omitted, Size, Vector, omit_if
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.value import Value
 
@@ -151,7 +152,9 @@ class Flight(Value):
     rotors_out_asked: Omitted[RotorsOut] = None
     """Rotor failures by the cases of `flight.rotor_out`; None if not required."""
     joints: tuple[JointLoad, ...]
-    """Loads of all joints in hover, then in every load case."""
+    """Loads of all joints outside of cycles in hover, then in every load case."""
+    joints_in_cycles: Annotated[Index, omit_if(0)] = 0
+    """Number of joints in cycles of a lattice, whose loads are statically indeterminate and not computed."""
     hinge_tolerance_deg: Size | None
     """Proven: hinge errors of this size, in the frame of the rod's module, violate no clearance [deg]; None without
     clearances."""

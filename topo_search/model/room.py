@@ -578,9 +578,8 @@ def _from_piece(x: Array, piece: _Box) -> Array:
 
 def broken_hinges(task: "Task") -> Broken:
     """Yield the broken rule of a set of hinge angles without any clear fold."""
-    angles, folds = task.search.hinge_set_deg, task.folds(task.search.margin)
     angles = task.search.hinge_set_deg
-    if angles is None or not (folds := task.folds(task.search.margin)):
+    if angles is None or task.search.lattice is not None or not (folds := task.folds(task.search.margin)):
         return
     if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
         field = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"

@@ -12,6 +12,7 @@ from topo_search.limits import LIMITS
 from topo_search.model.kinds import (
     OMIT_EMPTY,
     Angle,
+    Index,
     NonEmpty,
     NonNegative,
     Omitted,
@@ -51,6 +52,11 @@ class Search(Value):
     search."""
     connectors: Literal["aligned", "any"] = "aligned"
     """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
+    lattice: Omitted[Literal["flat"]] = None
+    """`flat`: all hinges are 0 and all neighbours on a square grid are bolted together, cycles included; default:
+    trees."""
+    closures: Omitted[Index] = None
+    """Number of joints of a lattice beyond those of a tree. Set in designs, not in tasks."""
     # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; a margin of 1.1e-8 m would have made
     # all of them clear (tests/benchmarks/smooth_error.py). The default is much larger: it costs 0.013 % of the
     # effort where measured, and leaves room for larger modules and for checks less exact than the audit.
@@ -102,7 +108,7 @@ class Search(Value):
 
         A hinge angle [rad] is exactly `math.radians` of one of them.
         """
-        angles = self.hinge_angles_deg
+        angles = self.hinge_angles_deg if self.lattice is None else (0.0,)
         if self.hinge_step_deg is not None:
             steps = math.floor(90 / self.hinge_step_deg * (1 + 1e-12))  # 90 is a multiple of 0.9 = 90 / 100
             angles = tuple(min(k * self.hinge_step_deg, 90.0) for k in range(steps + 1))

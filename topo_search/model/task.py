@@ -222,8 +222,9 @@ class Task(Value):
 
     def total_mass(self, n: int) -> float:
         """m_t of a platform of n modules [kg]."""
-        rod, joints = self.end_effector.counted_rod, (n - 1) * self.module.joint_mass
-        return n * self.module.mass + self.end_effector.mass + joints + (0.0 if rod is None else rod.mass)
+        rod, joints = self.end_effector.counted_rod, n - 1 + (self.search.closures or 0)
+        rod_mass = 0.0 if rod is None else rod.mass
+        return n * self.module.mass + self.end_effector.mass + joints * self.module.joint_mass + rod_mass
 
     @property
     def cases(self) -> tuple[LoadCase, ...]:
@@ -397,7 +398,8 @@ class Task(Value):
 
         The result has no goals: a design meets the fields that they set.
         """
-        units, grows = (self.force_unit(n), self.torque_unit(n)), self.end_effector.rod_mass == "included"
+        units = self.force_unit(n), self.torque_unit(n)
+        grows = self.end_effector.rod_mass == "included" or self.search.lattice is not None
         lengths = {"separation": self.separation, "body_clearance": self.body_clearance or False}
         reach = {"largest_reach": self.largest_reach(n) or False}
         end_effector = ResolvedEndEffector(**{**dict(self.end_effector), **reach})
@@ -454,17 +456,25 @@ class ResolvedTask(Task):
         """Return the task for a platform whose rod counts, or None; loads in units of weight grow with it."""
         if rod == self.end_effector.counted_rod:
             return self
-        end_effector = self.end_effector.model_copy(update={"counted_rod": rod})
-        task, before = self.model_copy(update={"end_effector": end_effector}), self.force_unit(self.n)
-        after = task.force_unit(self.n)
+        return self._regrow(self.with_fields("end_effector", counted_rod=rod))
+
+    def with_closures(self, closures: int) -> ResolvedTask:
+        """Return the task for a lattice with some joints beyond those of a tree; loads in units of weight grow."""
+        if closures == (self.search.closures or 0):
+            return self
+        return self._regrow(self.with_fields("search", closures=closures or None))
+
+    def _regrow(self, task: ResolvedTask) -> ResolvedTask:
+        """Return a copy with another mass, and loads in units of weight that fit it."""
+        before, after = self.force_unit(self.n), task.force_unit(self.n)
         cases = tuple(case.regrow(before, after) for case in self.load_cases)
         flight = self.flight.regrow(after / before, self.search.maximize)
         return task.model_copy(update={"load_cases": cases, "flight": flight})
 
     @property
     def lightest(self) -> ResolvedTask:
-        """Task for the lightest platform, without a counted rod: the basis of bounds and proofs."""
-        return self.with_rod(None)
+        """Task for the lightest platform, without a counted rod and closures: the basis of bounds and proofs."""
+        return self.with_rod(None).with_closures(0)
 
     @property
     def heaviest_rod(self) -> float:

@@ -12,7 +12,8 @@ A key is the canonical text of a tree. It lists the modules in preorder, one dig
 with a child: bits 0..3 for the ports 0..3 of the root, bits 0..2 for the ports b+1, b+2, b+3 of a module with the
 child port b. Children follow in that order. Keys of aligned trees start with `a`. If any kappa is odd the key
 starts with `p`, and bit 3 of a non-root digit is the parity of kappa. A half turn of one module (kappa + 2) gives
-the same platform and the same key.
+the same platform and the same key. Keys of flat lattices with cycles start with `f`: an aligned spanning tree, in
+which all neighbours on the square grid are bolted together.
 """
 
 from __future__ import annotations
@@ -34,17 +35,24 @@ if TYPE_CHECKING:
 Joint = tuple[int, int, int]
 """(parent, parent_port, child_port) of one module; (-1, -1, -1) for the root."""
 
+Bolt = tuple[int, int, int, int]
+"""(module, port, other module, its port) of two modules that are bolted together."""
+
 ROOT: Joint = (-1, -1, -1)
+STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+"""Cells beside a module of a flat lattice, at its ports 0..3."""
 PORT_NAMES = ("+x", "+y", "−x", "−y")
 """Displayed names of the ports 0..3."""
 
 
 @dataclass(frozen=True)
 class Topology:
-    """Rooted tree of modules with the ports of every joint."""
+    """Rooted tree of modules with the ports of every joint, or the spanning tree of a flat lattice with cycles."""
 
     joints: tuple[Joint, ...]
     """One (parent, parent_port, child_port) per module, parents before children."""
+    closures: tuple[Bolt, ...] = ()
+    """Joints of a flat lattice beyond those of the tree: the rest of its pairs of neighbours, in order."""
 
     __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 (pydantic wants a dictionary)
 
@@ -67,6 +75,37 @@ class Topology:
                     users = f"joints {joint_at[module, port]} and {i} use it"
                     raise ValueError(f"port {port} of module {module} carries one joint, but {users}")
                 joint_at[module, port] = i
+        if self.closures and self.closures != self.neighbours:
+            rule = f"must be all pairs of neighbours without a joint, {list(map(list, self.neighbours))}"
+            raise ValueError(f"closures {rule}, but got {list(map(list, self.closures))}")
+
+    @cached_property
+    def cells(self) -> tuple[tuple[int, int], ...]:
+        """Cells of the modules on a square grid, all hinges being 0; ValueError if there are none."""
+        cells = [(0, 0)]
+        for h, i, a, b in self.edges():
+            cells.append((cells[h][0] + STEPS[a][0], cells[h][1] + STEPS[a][1]))
+            if b != (a + 2) % 4:
+                raise ValueError(f"a flat lattice joins opposite ports, but joint {i} has {a} and {b}")
+            if cells[i] in cells[:i]:
+                raise ValueError(f"modules of a flat lattice must be apart, but {i} is in the cell of another")
+        return tuple(cells)
+
+    @cached_property
+    def neighbours(self) -> tuple[Bolt, ...]:
+        """Pairs of neighbours on that grid without a joint in the tree."""
+        at = {cell: i for i, cell in enumerate(self.cells)}
+        pairs = (
+            (i, a, at.get((x + dx, y + dy), -1), (a + 2) % 4)
+            for (x, y), i in at.items()
+            for a, (dx, dy) in enumerate(STEPS)
+        )
+        return tuple((i, a, j, b) for i, a, j, b in pairs if i < j and self.parents[j] != i)
+
+    @property
+    def closed(self) -> Topology:
+        """The flat lattice of this spanning tree; ValueError as for `cells`."""
+        return Topology(self.joints, self.neighbours)
 
     @property
     def n(self) -> int:
@@ -99,6 +138,7 @@ class Topology:
         children = {(h, a): i for h, i, a, _ in self.edges()}
         kappas = self.kappas
         letter, parity_bit = ("a", 0) if self.aligned else ("p", 8)
+        letter = "f" if self.closures else letter
         digits: list[str] = []
         stack = [0]
         while stack:
@@ -163,10 +203,15 @@ class Topology:
             joints.append((numbers[parent], ports[parent], ports[child]))
         return cls(tuple(joints))
 
+    @cached_property
+    def bolts(self) -> tuple[Bolt, ...]:
+        """All pairs of connectors that are bolted together: the joints of modules 1..n-1, then the closures."""
+        return (*((h, a, i, b) for h, i, a, b in self.edges()), *self.closures)
+
     @property
     def bolted(self) -> frozenset[tuple[int, int]]:
         """Pairs (h, i), h < i, of modules that share a joint."""
-        return frozenset((h, i) for h, i, _, _ in self.edges())
+        return frozenset((h, i) for h, _, i, _ in self.bolts)
 
     @cached_property
     def unbolted(self) -> tuple[tuple[int, int], ...]:
@@ -176,12 +221,12 @@ class Topology:
     @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
         """All (module, port) without a joint, in order."""
-        occupied = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
+        occupied = {connector for h, a, i, b in self.bolts for connector in ((h, a), (i, b))}
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in occupied)
 
     @cached_property
     def distances(self) -> NDArray[np.int_]:
-        """Number of joints between any two modules, shape (n, n)."""
+        """Number of joints between any two modules in the tree, shape (n, n)."""
         distances = np.zeros((self.n, self.n), dtype=int)
         for i in range(1, self.n):
             distances[i, :i] = distances[:i, i] = distances[self.parents[i], :i] + 1
@@ -213,8 +258,8 @@ class Topology:
 @lru_cache(maxsize=1 << 12)
 def _from_key(key: str) -> Topology:
     """Return the tree of a key; cached, because the same keys recur."""
-    if not key or key[0] not in "ap":
-        raise ValueError(f"a topology key starts with `a` or `p`, but got {key!r}")
+    if not key or key[0] not in "apf":
+        raise ValueError(f"a topology key starts with `a`, `p` or `f`, but got {key!r}")
     try:
         masks = [int(digit, 16) for digit in key[1:]]
     except ValueError:
@@ -239,6 +284,7 @@ def _from_key(key: str) -> Topology:
     if open_slots:
         raise ValueError(f"key {key!r} ends before {len(open_slots)} of its modules are described")
     topology = Topology(tuple(joints))
+    topology = topology.closed if key[0] == "f" else topology
     if topology.key != key:
         raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
     return topology

@@ -24,7 +24,7 @@ def joints(design: Design) -> Table:
     """Return the joints in an order of assembly: each module is bolted to one that is already in place."""
     rows = [
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
-        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
+        for (h, a, i, b), alpha in design.bolts
     ]
     return Table(("module", "port", "bolted to module", "at port", "hinge angle"), rows, {0, 2, 4})
 

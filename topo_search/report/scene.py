@@ -213,7 +213,7 @@ def _wall(point: Array, inwards: Array, poses: Platform) -> Mesh:
 
 def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:
     """Yield the joints, the free connectors, and the connectors from which no straight rod reaches the tip."""
-    joined = [(port, module, i) for h, i, a, b in design.topology.edges() for module, port in ((h, a), (i, b))]
+    joined = [(port, module, i) for h, a, i, b in design.topology.bolts for module, port in ((h, a), (i, b))]
     end_effector = None if assembly is None else assembly.end_effector
     blocked_connectors = {
         (x.module, x.port) for x in (() if end_effector is None else end_effector.connectors) if x.blocked_by

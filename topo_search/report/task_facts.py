@@ -214,6 +214,8 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         hinges += f", in steps of {figures(search.hinge_step_deg)}°"
     if search.hinge_angles_deg is not None:
         hinges += f", only ±{', ±'.join(map(figures, sorted(search.hinge_angles_deg)))}°"
+    if search.lattice is not None:
+        hinges = "0: a flat lattice, in which all neighbours are bolted together"
     centres = "any" if body is None else f"centres at least {figures(body)} m apart"
     if body is not None and search_distance is not None and search_distance > body:
         centres += f"; the search keeps {upper_text(search_distance, 4)} m, so that no parts can touch"

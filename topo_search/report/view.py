@@ -188,13 +188,13 @@ def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, A
 
 def _modules(design: Design, poses: Platform, audit: Audit | None) -> list[str]:
     """Return the tooltip of each module."""
-    joints = ["the root"]
-    for (h, _, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+    joints = [["the root"], *([] for _ in design.hinge_angles_rad)]
+    for (h, a, i, b), alpha in design.bolts:
         angle = f"hinge {figures(math.degrees(alpha), 3)}°"
-        joints.append(f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, {angle}")
+        joints[i].append(f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, {angle}")
     tooltips = []
-    for i, joint in enumerate(joints):
-        lines = [f"module {i}", joint, f"centre {_vector(poses.p[i])} m", f"thrust axis {_vector(poses.z[i])}"]
+    for i, of_module in enumerate(joints):
+        lines = [f"module {i}", *of_module, f"centre {_vector(poses.p[i])} m", f"thrust axis {_vector(poses.z[i])}"]
         tooltips.append("\n".join([*lines, *([] if audit is None else _audit_lines(audit, i))]))
     return tooltips
 
@@ -215,9 +215,11 @@ def _audit_lines(audit: Audit, i: int) -> Iterator[str]:
 def _steps(design: Design, assembly: Assembly | None) -> list[str]:
     """Return the assembly steps, the root first and the rod or the end-effector last."""
     steps = ["Start with module 0, the root."]
-    for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+    for i, joints in itertools.groupby(design.bolts, key=lambda joint: joint[0][2]):
+        ((h, a, _, b), alpha), *closures = joints
+        closed = (f", port {PORT_NAMES[d]} to port {PORT_NAMES[c]} of module {k}" for (k, c, _, d), _ in closures)
         steps.append(
-            f"Bolt port {PORT_NAMES[b]} of module {i} to port {PORT_NAMES[a]} of module {h}; "
+            f"Bolt port {PORT_NAMES[b]} of module {i} to port {PORT_NAMES[a]} of module {h}{''.join(closed)}; "
             f"set the hinge to {figures(math.degrees(alpha), 5)}°."
         )
     sheet = None if assembly is None else assembly.end_effector

@@ -246,7 +246,7 @@ def _switches(task: Task, n: int) -> Iterator[Relaxable]:
             return task.with_fields("search", root="free", root_orientation_deg=None)
 
         yield switch("orientation of the root", field, free_root)
-    if task.search.hinge_set_deg is not None:
+    if task.search.hinge_set_deg is not None and task.search.lattice is None:
         field = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
         free = {"search": task.search.any_angle}
         yield switch("set of hinge angles", f"search.{field} left out", lambda task: task.model_copy(update=free))

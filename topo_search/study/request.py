@@ -19,7 +19,8 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field
 
-from topo_search.engine import Candidates, ListedCandidates
+from topo_search.engine import Candidates
+from topo_search.engine.features import LatticeCandidates, ListedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
@@ -186,6 +187,8 @@ class Request:
                 raise ValueError(f"{name} must be one of {', '.join(choices)}, but got {value!r}")
         if self.user_inputs.topologies is not None and self.strategy == "optuna":
             raise ValueError("`topologies` requires another strategy, such as `exhaustive`: all are solved")
+        if self.task.search.lattice is not None and self.strategy == "optuna":
+            raise ValueError("`search.lattice` requires another strategy than `optuna`, whose samplers know trees")
         if self.strategy == "randomized" and self.task.search.maximize is None:
             raise ValueError("the strategy `randomized` requires `search.maximize`")
         if self.prune and self.task.search.maximize is not None:
@@ -255,14 +258,15 @@ class Request:
             keys = [key for key in inputs.topologies if len(key) - 1 == n]
             return ListedCandidates(task, keys), Resolution("c1", True, "every listed topology is a candidate")
         by_number, by_mirror = inputs.module_sensitive, inputs.mirror_sensitive
+        flat = task.search.lattice is not None
         free = not task.search.root_ranges
-        if self.symmetry == "task" and by_number is not None:
+        if self.symmetry == "task" and by_number is not None and not flat:
             reason = f"every rooted tree is a candidate: {by_number!r} may depend on module numbers"
             return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)
         rotations_only = free and self.symmetry == "task" and by_mirror is not None and exact_group(task) != "c1"
         symmetry: Symmetry = "c2" if rotations_only else self.symmetry
         resolution = resolve_symmetry(task, symmetry)
-        violator = by_number if free else None
+        violator = by_number if free or flat else None
         if violator is None and resolution.group in ("d2", "d4"):
             violator = by_mirror
         if rotations_only:
@@ -271,7 +275,7 @@ class Request:
         elif violator is not None and resolution.exact:
             reason = f"lossy: {violator!r} may distinguish trees that are merged"
             resolution = Resolution(resolution.group, False, reason)
-        return Candidates(task, symmetry), resolution
+        return (LatticeCandidates if flat else Candidates)(task, symmetry), resolution
 
     def covers(self, n: int) -> bool:
         """True if the candidates represent every tree of n modules that the task's connectors and root allow.

@@ -85,6 +85,14 @@ def _require_allowed(topology: Topology, task: Task) -> Topology:
     if topology.n not in task.sizes:
         sizes = " or ".join(map(str, task.sizes))
         raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
+    refuse_joints(topology, task)
+    return topology
+
+
+def refuse_joints(topology: Topology, task: Task) -> None:
+    """Raise ValueError if a task allows no joints as those of a topology."""
     if task.search.connectors == "aligned" and not topology.aligned:
         raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')
-    return topology
+    if topology.closures != (topology.neighbours if task.search.lattice else ()):
+        rule = "must have all neighbours bolted together" if task.search.lattice else "needs search.lattice"
+        raise ValueError(f"{topology.key} {rule}")

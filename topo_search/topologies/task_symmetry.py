@@ -295,7 +295,8 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
     if root == "paper":
         attitude = "the paper's root" if task.search.root == "paper" else "the root's attitude given"
         if group == "c1":
-            return Resolution(group, True, f"with {attitude} no two rooted trees are the same design")
+            one = "lattices" if task.search.lattice else "rooted trees"
+            return Resolution(group, True, f"with {attitude} no two {one} are the same design")
         return Resolution(group, False, f"lossy: with {attitude} only the identity is exact")
     changed = "half a turn changes the module"
     if exact == "c1" and symmetry != "task" and (group != "c1" or connectors == "any"):

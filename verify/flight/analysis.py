@@ -45,7 +45,7 @@ from verify.flight.balls import (
     largest_balls,
     rotor_failures,
 )
-from verify.flight.joints import inertia, joint_loads
+from verify.flight.joints import children_in_cycles, inertia, joint_loads
 from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, platform, required_wrench, wrench_map
 from verify.residuals import clamp
@@ -79,6 +79,7 @@ def flight(found: Findings) -> Flight | None:
         if task.flight.rotor_out == "none"
         else analysis.rotors_out([number for number, _, _ in weight_cases(task, task.flight.rotor_out)]),
         joints=_joint_loads(analysis, design, placed, None if mount is None else mount.module),
+        joints_in_cycles=len(children_in_cycles(design.topology)) + len(design.topology.closures),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=analysis.hover_input,
         hover_power_ratio=analysis.hover_power_ratio,

@@ -13,7 +13,7 @@ other forces are those of the rotors, the weight, and the reaction if the end-ef
 platform accelerates by the unbalanced wrench: that of the rotors minus that at the end-effector minus the weight,
 zero in equilibrium. The end-effector is a point mass m_E, and a joint is a point mass at its connector; the joint
 at the cut is not beyond it. A rod whose mass counts is on the end-effector's side. Modules have the inertia of the
-task.
+task. No single cut parts a cycle of a lattice: the loads of its joints are statically indeterminate.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Array, Design, JointLoad, LoadCase
+from topo_search.model import Array, Design, JointLoad, LoadCase, Topology
 from verify.kinematics import Platform
 from verify.residuals import clamp
 
@@ -30,7 +30,7 @@ from verify.residuals import clamp
 def joint_loads(
     design: Design, platform: Platform, case: LoadCase, u: Array, name: str, holder: int | None
 ) -> Iterator[JointLoad]:
-    """Yield the load of each joint in a load case, in the order of the joints.
+    """Yield the load of each joint outside of cycles in a load case, in the order of the joints.
 
     Args:
         design: the design.
@@ -41,12 +41,14 @@ def joint_loads(
         holder: the module that carries the end-effector. If None, each load is the larger one with the end-effector
             on either side of the joint.
     """
-    platform_loads = _PlatformLoads(design, platform, case, u)
+    platform_loads, in_cycles = _PlatformLoads(design, platform, case, u), children_in_cycles(design.topology)
     edges = list(design.topology.edges())
     beyond = np.eye(design.topology.n, dtype=bool)  # [i, j]: module j is in the subtree of module i
     for h, i, _, _ in reversed(edges):
         beyond[h] |= beyond[i]
     for h, i, a, _ in edges:
+        if i in in_cycles:
+            continue
         axis = platform.poses.R[h][:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
         loads = [platform_loads.at_joint(i, beyond[i], with_tip) for with_tip in sides]
@@ -62,6 +64,12 @@ def joint_loads(
         )
 
 
+def children_in_cycles(topology: Topology) -> frozenset[int]:
+    """Return the modules whose joint with their parent is in a cycle of a lattice."""
+    paths = [frozenset(topology.path(i, j)) for i, _, j, _ in topology.closures]
+    return frozenset[int]().union(*(path - {min(path)} for path in paths))
+
+
 class _PlatformLoads:
     """Wrenches that joints must exert on the parts of a platform in one load case."""
 
@@ -69,6 +77,7 @@ class _PlatformLoads:
         task, module = design.task, design.task.module
         n, rotors = design.topology.n, module.rotor_table
         self._o, self._p_E, self._c = platform.o, platform.p_e, platform.joints
+        self._closing = np.array([i for i, _, _, _ in design.topology.closures], dtype=int)
         thrusts = module.thrust_coefficient * (rotors.gains * u)[:, :, None] * platform.thrust_axes
         drags = module.torque_coefficient * ((rotors.drags * u)[:, :, None] * rotors.axes).sum(axis=1)
         drags = np.einsum("nij,nj->ni", platform.R, drags)
@@ -84,7 +93,7 @@ class _PlatformLoads:
         self._forces = forces[:n] - thrusts.sum(axis=1)
         rotor_moments = np.cross(platform.rotors - platform.o[:, None], thrusts).sum(axis=1) + drags
         self._moments = _inertias(design, platform) @ alpha - rotor_moments
-        tip = 2 * n - 1  # after n modules and n - 1 joints
+        tip = n + len(platform.joints)
         self._joint_forces, self._tip_force = forces[n:tip], forces[tip] + self._f_E
         self._rod_force, self._rod_centre = forces[tip + 1 :].sum(axis=0), platform.rod[:, 0].sum(axis=0)
         self._rod_moment = rod_inertia(design, platform) @ alpha
@@ -97,7 +106,7 @@ class _PlatformLoads:
             beyond: True for the modules beyond the joint, shape (n,).
             with_tip: True if the end-effector is beyond.
         """
-        inner = beyond[1:].copy()  # joints, indexed by child
+        inner = np.append(beyond[1:], beyond[self._closing])  # joints, indexed by child, then closures
         inner[child - 1] = False
         c = self._c[child - 1]
         F = np.concatenate([self._forces[beyond], self._joint_forces[inner]])
@@ -141,4 +150,4 @@ def _masses(design: Design, platform: Platform) -> tuple[Array, Array]:
     task, n, rod = design.task, design.topology.n, design.task.end_effector.counted_rod
     masses = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
     points = np.concatenate([platform.o, platform.joints, platform.p_e[None], platform.rod[:, 0]])
-    return points, np.repeat(masses, [n, n - 1, 1, len(platform.rod)])
+    return points, np.repeat(masses, [n, len(platform.joints), 1, len(platform.rod)])

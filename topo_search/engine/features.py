@@ -1,0 +1,9 @@
+"""Features of the engine: candidates other than all trees.
+
+The core imports this list and, but for those that its contract in pyproject.toml lets through, no feature.
+"""
+
+from topo_search.engine.lattices import LatticeCandidates
+from topo_search.engine.listed import ListedCandidates
+
+__all__ = ["LatticeCandidates", "ListedCandidates"]
