@@ -22,8 +22,6 @@ to tan t = |h| / c, and at least c cos t - |h| sin t, which falls. With an uncer
 hold at the corners of the box of errors, where forces have the levers of the error.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ The design itself is the optimum near which combinations of the set are tried, n
 which may be another optimum. For the same reason Ipopt also solves the nearest combinations from the design.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -28,23 +28,15 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Mount, Status
+from verify import certificate
 from verify.bodies import Array, ConeSpheres, nearest_on_axis, norms
-from verify.certificate import (
-    BOUND_ROUNDING,
-    TURNED_LEVELS,
-    Certificate,
-    ClearanceCheck,
-    RoundBody,
-    facing_mesh,
-    judge,
-)
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, FclPolytope, Indices
 from verify.requirements import PlacedAir, Scene
 
-BesideAirflow = ClearanceCheck[Compound, RoundBody]
+BesideAirflow = certificate.ClearanceCheck[Compound, certificate.RoundBody]
 """Check of one module's rotor `segment`, or hub and arms if None, against the airflow of another module."""
 
 
@@ -92,7 +84,7 @@ def rotors_beside_airflow(scene: Scene, _: Mount | None) -> Iterator[BesideAirfl
     return beside_airflow(scene.modules, scene.envelopes, counts=scene.design.task.parts_off_airflow)
 
 
-def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
+def certify_beside(checks: Sequence[BesideAirflow]) -> list[certificate.Certificate]:
     """Certify the checks that `beside_airflow` yields, for copies of one module."""
     if not checks:
         return []
@@ -101,10 +93,10 @@ def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
     R, p = (np.array(column) for column in zip(*(_pose(pair.body) for pair in pairs), strict=True))
     clearances = _clearances(pairs, R, p)
     proven = [
-        (part.lower > BOUND_ROUNDING)
+        (part.lower > certificate.BOUND_ROUNDING)
         & (part.d > 0)
-        & (part.lower - BOUND_ROUNDING <= part.d)
-        & (part.d <= part.upper + BOUND_ROUNDING)
+        & (part.lower - certificate.BOUND_ROUNDING <= part.d)
+        & (part.d <= part.upper + certificate.BOUND_ROUNDING)
         for part in clearances
     ]
     certificates = []
@@ -116,15 +108,15 @@ def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
         for side, part in enumerate(clearances):
             d, lower, upper = (float(column[k]) for column in part[:3])
             if not in_range:
-                certificates.append(Certificate(Status.UNDECIDED, None, None, d, 0))
+                certificates.append(certificate.Certificate(Status.UNDECIDED, None, None, d, 0))
             elif boxes_apart and proven[side][k]:
-                certificates.append(Certificate(Status.CLEAR, lower, upper, d, 0, closest[side][k]))
+                certificates.append(certificate.Certificate(Status.CLEAR, lower, upper, d, 0, closest[side][k]))
             else:
                 witness = _Clearances(*(column[k] for column in part))
                 proof = functools.partial(_proof, checks[k * count + side], witness)
                 # a box, the parts' common meshes, then meshes turned towards the witness
-                levels, proven_upper = 2 + len(TURNED_LEVELS), None if np.isnan(upper) else upper
-                certificates.append(judge(d, proven_upper, closest[side][k], proof, levels))
+                levels, proven_upper = 2 + len(certificate.TURNED_LEVELS), None if np.isnan(upper) else upper
+                certificates.append(certificate.judge(d, proven_upper, closest[side][k], proof, levels))
     return certificates
 
 
@@ -150,7 +142,7 @@ def _fcl_apart(check: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     overlapping = [part for part in parts_of(check) if outer is None or part.shape.overlaps(outer[1])]
     if level == 1 or not overlapping:
         return not overlapping
-    mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
+    mesh = certificate.facing_mesh(check.against.body, x, n, certificate.TURNED_LEVELS[level - 2], inside=False)
     if mesh is None:
         return False
     shape = FclPolytope(mesh)
@@ -158,7 +150,7 @@ def _fcl_apart(check: BesideAirflow, n: Array, x: Array, level: int) -> bool:
 
 
 def _fcl_overlap(check: BesideAirflow, part: Convex, n: Array, x: Array, level: int) -> bool:
-    mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=True)
+    mesh = certificate.facing_mesh(check.against.body, x, n, certificate.TURNED_LEVELS[level - 2], inside=True)
     return mesh is not None and FclPolytope(mesh).overlaps(FclPolytope(_translate(part.inner(x), -x)))
 
 
@@ -173,7 +165,7 @@ def clearance(check: BesideAirflow) -> float:
     return float(by_side[check.body.rotors if check.segment is None else check.segment].d[0])
 
 
-def normals(check: BesideAirflow, pieces: Sequence[RoundBody]) -> list[Array]:
+def normals(check: BesideAirflow, pieces: Sequence[certificate.RoundBody]) -> list[Array]:
     """Return the unit vectors from each part of a check to N pieces of airflow, at their nearest points, (N, 3)."""
     assert check.body.source is not None
     N, (module, R, p) = len(pieces), check.body.source
@@ -241,10 +233,10 @@ def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearanc
     plane_gap = -part.supports(-n) - K.extents(n).max(axis=1)
     lower = np.minimum(d, plane_gap)  # equal up to rounding if n is exact
     x_K = P + K.radius(eta)[:, None] * n
-    x_inside = _depth(part, x) > -BOUND_ROUNDING
+    x_inside = _depth(part, x) > -certificate.BOUND_ROUNDING
     depth_K = K.depth(x)
-    gap = np.where(x_inside & (K.depth(x_K) > -BOUND_ROUNDING), norms(x - x_K), np.nan)
-    upper = np.where(d > 0, gap, np.where(x_inside & (depth_K > 2 * BOUND_ROUNDING), -depth_K, np.nan))
+    gap = np.where(x_inside & (K.depth(x_K) > -certificate.BOUND_ROUNDING), norms(x - x_K), np.nan)
+    upper = np.where(d > 0, gap, np.where(x_inside & (depth_K > 2 * certificate.BOUND_ROUNDING), -depth_K, np.nan))
     return _Clearances(d, lower, upper, x, n, number)
 
 

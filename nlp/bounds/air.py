@@ -21,29 +21,21 @@ import math
 
 import numpy as np
 
+from nlp.bounds import refutation
 from nlp.bounds.effort import least_force_norms
-from nlp.bounds.refutation import (
-    Refutation,
-    bodies_mass,
-    centre_offset,
-    largest_thrust,
-    size_text,
-    tolerated_force,
-    tolerated_thrust,
-)
 from topo_search.model import ResolvedTask
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 
 
-def refute_airspeed(task: ResolvedTask) -> Refutation | None:
+def refute_airspeed(task: ResolvedTask) -> refutation.Refutation | None:
     """Refute the task if the air over a region is faster than its limit in every design."""
     rotor_distance = _farthest_rotor(task)
     if rotor_distance is None:
         return None
     forces = least_force_norms(task)
     k, R = int(np.argmax(forces)), task.module.body.rotor_radius
-    max_thrust = (largest_thrust(task) + tolerated_thrust(task)) / task.rotor_count
-    force = float(forces[k]) - tolerated_force(task)
+    max_thrust = (refutation.largest_thrust(task) + refutation.tolerated_thrust(task)) / task.rotor_count
+    force = float(forces[k]) - refutation.tolerated_force(task)
     induced = force / math.sqrt(max_thrust * 2 * task.air_density * math.pi * R**2)
     for e, region in enumerate(task.exposure):
         if region.speed is None:
@@ -52,11 +44,11 @@ def refute_airspeed(task: ResolvedTask) -> Refutation | None:
         airspeed = induced / (1 + math.sqrt(2) * distance / R) ** 2
         if airspeed > region.speed:
             airspeed_text, limit_text = excess_texts(airspeed, region.speed)
-            return Refutation(
+            return refutation.Refutation(
                 f"air over exposure {e} ({region.kind}), {task.case_labels[k]}",
                 airspeed - region.speed,
                 "m/s",
-                f"exposure[{e}].speed = {limit_text} m/s is out of reach of {size_text(task)}: "
+                f"exposure[{e}].speed = {limit_text} m/s is out of reach of {refutation.size_text(task)}: "
                 f"all rotors are within {lower_text(distance)} m of a point of the region, where the air that they "
                 f"draw in for {task.case_labels[k]} alone makes {airspeed_text} m/s at least",
             )
@@ -70,8 +62,8 @@ def _farthest_rotor(task: ResolvedTask) -> float | None:
     if reach is not None:
         distances.append(reach + (2 * n - 1) * module.connector_distance)
     if position is not None:
-        mass_ratio = task.total_mass(n) / bodies_mass(task)
-        q = mass_ratio * (math.hypot(*position) + TOLERANCE * module.arm_length) + centre_offset(task)
+        mass_ratio = task.total_mass(n) / refutation.bodies_mass(task)
+        q = mass_ratio * (math.hypot(*position) + TOLERANCE * module.arm_length) + refutation.centre_offset(task)
         distances.append(q + (n - 1) * module.connector_distance)
     farthest = module.arm_length * float(module.rotor_table.distances.max())
     return min(distances) + farthest * (1 + TOLERANCE) if distances else None

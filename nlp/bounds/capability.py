@@ -44,8 +44,6 @@ The centroid is at most l_c (n - 1) from a module's centre; the mean of these di
 Bounds allow for the audit's tolerance: TOLERANCE m_t g along each axis in the wrenches of reserves.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

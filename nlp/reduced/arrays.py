@@ -19,18 +19,8 @@ from nlp.air.search_rows import Speeds, speeds_of
 from nlp.numbers.geometry import force_map, torque_map
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
-from nlp.requirements import clearances, variable_bounds
+from nlp.requirements import clearances, row_kinds, variable_bounds
 from nlp.requirements.balances import angular_accelerations
-from nlp.requirements.row_kinds import (
-    AIRFLOW,
-    BODIES,
-    MODULE,
-    OBSTACLES,
-    FacesObstacle,
-    HullObstacle,
-    RodBody,
-    SearchRow,
-)
 from nlp.units import Units
 from topo_search.model import Array, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
@@ -146,7 +136,7 @@ class NamedRow(NamedTuple):
     i: int
     j: int
     lower: float
-    search_row: SearchRow
+    search_row: row_kinds.SearchRow
 
 
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
@@ -218,17 +208,20 @@ def _tabulate(named_rows: list[NamedRow], lower_speeds: Sequence[float]) -> tupl
     planes, edges, ranges = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     face_count = edge_count = 0
     for obstacle in (row.obstacle for row in search_rows):
-        if isinstance(obstacle, HullObstacle | FacesObstacle) and id(hull := obstacle.hull) not in ranges:
+        if (
+            isinstance(obstacle, row_kinds.HullObstacle | row_kinds.FacesObstacle)
+            and id(hull := obstacle.hull) not in ranges
+        ):
             a, b = hull.corners[hull.edges].transpose(1, 0, 2)
             planes.append(hull.planes)
             edges.append(np.column_stack([a, b - a]))
             ranges[id(hull)] = [face_count, face_count + len(planes[-1]), edge_count, edge_count + len(edges[-1])]
             _, face_count, _, edge_count = ranges[id(hull)]
     i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
-    obstacles = _kinds([row.obstacle for row in search_rows], OBSTACLES, ranges)
-    bodies = _kinds([row.body for row in search_rows], BODIES, ranges)
-    j[(obstacles.kind != MODULE) & (obstacles.kind != AIRFLOW)] = -1
-    rods = len({row.body.number for row in search_rows if isinstance(row.body, RodBody)})
+    obstacles = _kinds([row.obstacle for row in search_rows], row_kinds.OBSTACLES, ranges)
+    bodies = _kinds([row.body for row in search_rows], row_kinds.BODIES, ranges)
+    j[(obstacles.kind != row_kinds.MODULE) & (obstacles.kind != row_kinds.AIRFLOW)] = -1
+    rods = len({row.body.number for row in search_rows if isinstance(row.body, row_kinds.RodBody)})
     lower = np.array([row.lower for row in named_rows] + [*lower_speeds])
     return Rows(i, j, bodies, obstacles, lower, rods), Hulls(np.concatenate(planes), np.concatenate(edges))
 

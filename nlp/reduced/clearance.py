@@ -23,20 +23,7 @@ from typing import NamedTuple
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import ReducedPlatform, p_E_of, rotate
-from nlp.requirements.row_kinds import (
-    AIRFLOW,
-    CAPSULE,
-    CONE,
-    ENVELOPE,
-    FACES,
-    JET,
-    MODULE,
-    OFFSET,
-    PARTS,
-    REACH,
-    ROD,
-    TIP_POINT,
-)
+from nlp.requirements import row_kinds
 from topo_search.compiled_code import njit
 from topo_search.model.arrays import Array
 
@@ -197,15 +184,15 @@ def clearances(problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradien
         reach = max(reach, math.sqrt(dot(ball, ball)) + problem.parts[k, 3])
     for r in range(len(rows.i)):
         g[r] = math.inf
-        if rows.obstacles.kind[r] == AIRFLOW and _are_far(problem, pose, r, reach):
+        if rows.obstacles.kind[r] == row_kinds.AIRFLOW and _are_far(problem, pose, r, reach):
             continue
-        for k in range(len(problem.parts) if rows.bodies.kind[r] == PARTS else 1):
+        for k in range(len(problem.parts) if rows.bodies.kind[r] == row_kinds.PARTS else 1):
             body = _piece(problem, pose, r, k)
             gap, eta, push, E = _gap(problem, pose, r, body)
             if gap < g[r]:
                 g[r] = gap
                 point = add(body[0], eta, body[1])
-                if rows.bodies.kind[r] == ROD:
+                if rows.bodies.kind[r] == row_kinds.ROD:
                     push, point = _push_on_rod(problem, pose, r, body, eta, push), body[0]
                 gradients[r, 0], gradients[r, 1], gradients[r, 2] = push
                 gradients[r, 3], gradients[r, 4], gradients[r, 5] = cross(point, push)
@@ -219,7 +206,7 @@ def _are_far(problem: ReducedProblem, pose: ReducedPlatform, r: int, reach: floa
     i, j, (length, radius, growth) = problem.rows.i[r], problem.rows.j[r], problem.air
     between, size = add(row(pose.o, i), -1.0, row(pose.o, j)), length / 2 + radius + growth
     between = add(between, length / 2, row(pose.z, j))
-    if problem.rows.bodies.kind[r] == ENVELOPE:
+    if problem.rows.bodies.kind[r] == row_kinds.ENVELOPE:
         between, reach = add(between, -length / 2, row(pose.z, i)), size
     return dot(between, between) >= (reach + size + GAPS.far) ** 2
 
@@ -229,15 +216,15 @@ def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> Sw
     """Return piece k of the body of row r: its start from the COM, its axis, start radius and growth."""
     i, bodies = problem.rows.i[r], problem.rows.bodies
     kind, k_0, numbers, o = bodies.kind[r], bodies.first[r], bodies.numbers, row(pose.o, i)
-    if kind == ENVELOPE:
+    if kind == row_kinds.ENVELOPE:
         return o, multiply(-numbers[k_0], row(pose.z, i)), numbers[k_0 + 1], numbers[k_0 + 2]
-    if kind == PARTS:
+    if kind == row_kinds.PARTS:
         return add(o, 1.0, rotate(pose.R, i, row(problem.parts, k))), NO_AXIS, problem.parts[k, 3], 0.0
-    if kind == JET:
+    if kind == row_kinds.JET:
         start = add(o, 1.0, rotate(pose.R, i, _vector(numbers, k_0 + 3)))
         axis = multiply(-numbers[k_0], rotate(pose.R, i, _vector(numbers, k_0 + 6)))
         return start, axis, numbers[k_0 + 1], numbers[k_0 + 2]
-    if kind == ROD:  # without its tip
+    if kind == row_kinds.ROD:  # without its tip
         start = add(o, 1.0, rotate(pose.R, i, _vector(numbers, k_0 + 1)))
         to_start = add(start, -1.0, p_E_of(pose))
         return start, multiply(_tip_share(to_start, numbers[k_0 + 5]) - 1.0, to_start), numbers[k_0 + 4], 0.0
@@ -254,28 +241,28 @@ def _gap(
     """
     obstacles, j, b = problem.rows.obstacles, problem.rows.j[r], p_E_of(pose)
     kind, k_0, numbers, (o, d, radius, growth) = obstacles.kind[r], obstacles.first[r], obstacles.numbers, body
-    if kind == AIRFLOW:
+    if kind == row_kinds.AIRFLOW:
         length, r_air, dr_air = problem.air
         w, axis = add(o, -1.0, row(pose.o, j)), multiply(-length, row(pose.z, j))
         gap, eta, _, push = swept_gap(w, d, radius, growth, axis, r_air, dr_air)
         return gap, eta, push, NO_AXIS
-    if kind == MODULE:
+    if kind == row_kinds.MODULE:
         return _distance_gap(add(o, -1.0, row(pose.o, j)), numbers[k_0])
-    if kind == OFFSET:
+    if kind == row_kinds.OFFSET:
         gap, _, E, _ = _distance_gap(b, numbers[k_0])
         return gap, 0.0, NO_AXIS, E
     o = add(o, -1.0, b)
-    if kind == TIP_POINT:
+    if kind == row_kinds.TIP_POINT:
         return _distance_gap(o, numbers[k_0])
-    if kind == REACH:
+    if kind == row_kinds.REACH:
         gap, _, push, _ = _distance_gap(o, numbers[k_0])
         return -gap, 0.0, multiply(-1.0, push), NO_AXIS
-    if kind == CAPSULE:
+    if kind == row_kinds.CAPSULE:
         return _capsule_gap(o, d, radius, growth, b, numbers, k_0)
-    if kind == CONE:
+    if kind == row_kinds.CONE:
         return _cone_row(o, d, radius, growth, b, numbers, k_0)
     planes = problem.hulls.planes[int(numbers[k_0]) : int(numbers[k_0 + 1])]
-    if kind == FACES:
+    if kind == row_kinds.FACES:
         gap, push = face_excess(o, planes)
         return gap - radius, 0.0, push, NO_AXIS
     edges = problem.hulls.edges[int(numbers[k_0 + 2]) : int(numbers[k_0 + 3])]
@@ -355,7 +342,7 @@ def _keep_best_rod(problem: ReducedProblem, pose: ReducedPlatform, g: Array, rod
     rows, bodies, best = problem.rows, problem.rows.bodies, 0
     numbers = bodies.numbers
     for r in range(len(rows.i) if len(rods) else 0):
-        if bodies.kind[r] == ROD:
+        if bodies.kind[r] == row_kinds.ROD:
             k_0 = bodies.first[r]
             start = add(row(pose.o, rows.i[r]), 1.0, rotate(pose.R, rows.i[r], _vector(numbers, k_0 + 1)))
             t, rod = add(start, -1.0, p_E_of(pose)), int(numbers[k_0])
@@ -368,7 +355,7 @@ def _keep_best_rod(problem: ReducedProblem, pose: ReducedPlatform, g: Array, rod
         if change < 0.0 or (change == 0.0 and rods[rod, 1] < rods[best, 1]):
             best = rod
     for r in range(len(rows.i) if len(rods) else 0):
-        if bodies.kind[r] == ROD and int(numbers[bodies.first[r]]) != best:
+        if bodies.kind[r] == row_kinds.ROD and int(numbers[bodies.first[r]]) != best:
             g[r] = math.inf
 
 

@@ -29,18 +29,7 @@ import numpy as np
 from numba.core.types import NoneType
 from numba.extending import overload
 
-from nlp.air.jets import (
-    JETS,
-    ROUNDED,
-    SHARP,
-    JetConstants,
-    SpeedRegion,
-    find_factors,
-    merged_jets,
-    point_of_ball,
-    project_inside,
-    speed,
-)
+from nlp.air import jets
 from nlp.air.search_rows import Speeds
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
@@ -122,13 +111,13 @@ def _speed_rows(
                 path = (region.axis[0], region.axis[1], region.axis[2])
                 _, _, share[point], _ = swept_gap(w, axis, 0.0, 0.0, path, 0.0, 0.0)
             centre = region.start + share[point] * region.axis
-            point_of_ball(centre, region.radius, no_direction, p, z, x[point], by_point[point, :, :6])
+            jets.point_of_ball(centre, region.radius, no_direction, p, z, x[point], by_point[point, :, :6])
         for j in range(n):
             for a in range(3):
                 q[point, j, a] = 0.0
                 for b in range(3):
                     q[point, j, a] += pose.R[j, b, a] * (x[point, b] + p_E[b] - pose.o[j, b])
-            find_factors(jet, q[point, j], ROUNDED, C[point, j], no_dC)
+            jets.find_factors(jet, q[point, j], jets.ROUNDED, C[point, j], no_dC)
     dC, has_slopes, weights = np.empty((points, n, r, 3)), np.zeros(points, np.bool_), np.empty(r * n)
     free, slopes, no_slopes = np.empty(r * n, np.bool_), np.empty(3 + r), np.empty(0)
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
@@ -139,7 +128,7 @@ def _speed_rows(
         for point in range(points):
             row_number, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
             for j in range(n):
-                total += speed(jet, C[point, j], no_dC, u[k, r * j : r * (j + 1)], no_slopes)
+                total += jets.speed(jet, C[point, j], no_dC, u[k, r * j : r * (j + 1)], no_slopes)
             g[row_number], by_total = -math.log(air.over[region] * total), 1 / total
             is_near[row_number] = g[row_number] < ROWS.slow
             if not is_near[row_number]:
@@ -152,11 +141,11 @@ def _speed_rows(
                             H[a, b] += A[j, a] * A[j, b]
                 factor(H, 6)
             for j in range(0 if has_slopes[point] else n):
-                find_factors(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
+                jets.find_factors(jet, q[point, j], jets.ROUNDED, C[point, j], dC[point, j])
             factored = has_slopes[point] = True
             nu[:], X, from_com = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
             for j in range(n):
-                speed(jet, C[point, j], dC[point, j], u[k, r * j : r * (j + 1)], slopes)
+                jets.speed(jet, C[point, j], dC[point, j], u[k, r * j : r * (j + 1)], slopes)
                 F = rotate(pose.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
                 X = add(X, -1.0, F)
                 forces[j, 0], forces[j, 1], forces[j, 2] = F
@@ -186,15 +175,15 @@ def _speed_rows(
 
 
 @njit(cache=True, inner=True)
-def _region(air: Speeds, k: int, to_tip: Array) -> SpeedRegion:
+def _region(air: Speeds, k: int, to_tip: Array) -> jets.SpeedRegion:
     axis = air.axis[k] + air.along[k] * to_tip
     planes = air.planes[air.first[k] : air.first[k + 1]]
-    return SpeedRegion(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
+    return jets.SpeedRegion(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
 
 
 @njit(cache=True, inner=True)
 def _find_fastest_point(
-    jet: JetConstants, region: SpeedRegion, R: Array, p: Array, x: Array, slopes: Array
+    jet: jets.JetConstants, region: jets.SpeedRegion, R: Array, p: Array, x: Array, slopes: Array
 ) -> None:
     """Find the point of a region next to a module's axis where the module's own air is fastest.
 
@@ -212,16 +201,16 @@ def _find_fastest_point(
     for depth in ROWS.depths:
         for a in range(3):
             x[a] = p[a] - depth * R[a, 2]
-        if not project_inside(region, x, no_slopes):
+        if not jets.project_inside(region, x, no_slopes):
             continue
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
-        if q[2] < -2 * JETS.merged_at:  # only the merged jets matter there
-            merged, _, _ = merged_jets(jet, q, jet.origin - q[2] / 2)
+        if q[2] < -2 * jets.JETS.merged_at:  # only the merged jets matter there
+            merged, _, _ = jets.merged_jets(jet, q, jet.origin - q[2] / 2)
             own_speed = jet.induced * merged
         else:
-            find_factors(jet, q, SHARP, C, no_dC)
-            own_speed = speed(jet, C, no_dC, u, no_input_slopes)
+            jets.find_factors(jet, q, jets.SHARP, C, no_dC)
+            own_speed = jets.speed(jet, C, no_dC, u, no_input_slopes)
         if own_speed > best_speed:
             best_speed, best_depth = own_speed, depth
     x[:] = p - best_depth * R[:, 2]
@@ -232,6 +221,6 @@ def _find_fastest_point(
         rotations[a, a] = 1.0
         rotations[a] = np.cross(region.axis, rotations[a])
         slopes[:, 6 + a] = -np.cross(rotations[a], x - region.start)
-    project_inside(region, x, slopes)
+    jets.project_inside(region, x, slopes)
     for a in range(3):
         slopes[:, 6 + a] += np.cross(rotations[a], x - region.start)

@@ -27,18 +27,8 @@ import numpy as np
 from nlp import names
 from nlp.numbers.geometry import Ball, Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
+from nlp.requirements import row_kinds
 from nlp.requirements.bodies import Air, AnyBody, PartBalls, divide
-from nlp.requirements.row_kinds import (
-    ORIGIN,
-    CapsuleObstacle,
-    ConeObstacle,
-    FacesObstacle,
-    HullObstacle,
-    OffsetObstacle,
-    SearchObstacle,
-    SearchRow,
-    TipObstacle,
-)
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
@@ -62,8 +52,8 @@ class CapsuleRegion:
     """A capsule along a path near the end-effector, or along p_E beyond it; without a path a ball."""
 
     radius: float
-    start: Vector = ORIGIN
-    path: Vector = ORIGIN
+    start: Vector = row_kinds.ORIGIN
+    path: Vector = row_kinds.ORIGIN
     """Vector from start to end."""
     length: float | None = None
     """Length of a path along p_E; None: `path` is used."""
@@ -81,7 +71,7 @@ class CapsuleRegion:
         elif not any(self.path):
             if not isinstance(body[0], Ball):
                 return clearance(body[0], Ball(start, self.radius), beta)
-            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, TipObstacle) for ball in body]
+            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, row_kinds.TipObstacle) for ball in body]
             return ca.vertcat(*(d.smooth([ball.o - start], beta) for d, ball in zip(distances, body, strict=True)))
         capsule = Swept(start, path, self.radius)
         if isinstance(body[0], Ball):
@@ -95,9 +85,9 @@ class CapsuleRegion:
             path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
 
-    def obstacles(self) -> tuple[SearchObstacle, ...]:
+    def obstacles(self) -> tuple[row_kinds.SearchObstacle, ...]:
         """Return one obstacle."""
-        return (CapsuleObstacle(self.start, self.path, self.radius, self.length or 0.0),)
+        return (row_kinds.CapsuleObstacle(self.start, self.path, self.radius, self.length or 0.0),)
 
 
 @dataclass(frozen=True)
@@ -115,9 +105,9 @@ class HullRegion:
         """Return the gap where f is smallest."""
         return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
 
-    def obstacles(self) -> tuple[SearchObstacle, ...]:
+    def obstacles(self) -> tuple[row_kinds.SearchObstacle, ...]:
         """Return one obstacle."""
-        return (HullObstacle(hull_of(self.corners)),)
+        return (row_kinds.HullObstacle(hull_of(self.corners)),)
 
 
 class HullFaces(HullRegion):
@@ -137,9 +127,9 @@ class HullFaces(HullRegion):
         normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
         return np.asarray((swept.o @ normals.T - offsets).max(axis=-1) - swept.r_0)
 
-    def obstacles(self) -> tuple[SearchObstacle, ...]:
+    def obstacles(self) -> tuple[row_kinds.SearchObstacle, ...]:
         """Return one obstacle."""
-        return (FacesObstacle(hull_of(self.corners)),)
+        return (row_kinds.FacesObstacle(hull_of(self.corners)),)
 
 
 @dataclass(frozen=True)
@@ -149,7 +139,7 @@ class InfiniteCone:
     half_angle: float
     axis: Vector | None
     """d_con; None: towards the COM."""
-    apex: Vector = ORIGIN
+    apex: Vector = row_kinds.ORIGIN
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
@@ -179,10 +169,12 @@ class InfiniteCone:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
-    def obstacles(self) -> tuple[SearchObstacle, ...]:
+    def obstacles(self) -> tuple[row_kinds.SearchObstacle, ...]:
         """Return an obstacle for each end ball."""
-        axis, angle = self.axis or ORIGIN, (math.sin(self.half_angle), math.cos(self.half_angle))
-        return tuple(ConeObstacle(self.apex, axis, *angle, end, float(self.axis is None)) for end in (0.0, 1.0))
+        axis, angle = self.axis or row_kinds.ORIGIN, (math.sin(self.half_angle), math.cos(self.half_angle))
+        return tuple(
+            row_kinds.ConeObstacle(self.apex, axis, *angle, end, float(self.axis is None)) for end in (0.0, 1.0)
+        )
 
 
 AnyRegion = CapsuleRegion | HullRegion | InfiniteCone
@@ -213,10 +205,10 @@ class RegionClearance:
         gaps = [self.region.exact(swept, y[count:]) for swept in self.body.solids(y[:count])]
         return np.asarray(np.min(gaps, axis=0))
 
-    def search_rows(self) -> tuple[SearchRow, ...]:
+    def search_rows(self) -> tuple[row_kinds.SearchRow, ...]:
         """Return a row for each obstacle; balls around parts have both ends in one place."""
         obstacles = self.region.obstacles()[: 1 if isinstance(self.body, PartBalls) else None]
-        return tuple(SearchRow(self.body.search_body, obstacle) for obstacle in obstacles)
+        return tuple(row_kinds.SearchRow(self.body.search_body, obstacle) for obstacle in obstacles)
 
 
 def to_formula(shape: Shape, body: AnyBody, unit: float, segment: int | None) -> RegionClearance:
@@ -240,7 +232,7 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
-        exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, TipObstacle)
+        exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, row_kinds.TipObstacle)
         yield Requirement(7, lambda i, *_: f"end-effector exclusion of module {i}", subjects, (exclusion,), margin)
     if task.tip_radius is not None:
         tip = RegionClearance(Air.of(task), CapsuleRegion(task.tip_radius / unit))
@@ -266,7 +258,7 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
             parts = formulas(exposure, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number, exposure.contact), subjects, parts, margin)
     if any(needs_offset(exposure) for exposure in task.exposure):
-        offset = Distance(FROM_COM, LEAST_OFFSET, OffsetObstacle)
+        offset = Distance(FROM_COM, LEAST_OFFSET, row_kinds.OffsetObstacle)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
 
 

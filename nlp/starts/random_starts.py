@@ -15,16 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.geometry import (
-    cone_reach,
-    envelopes,
-    largest_turn,
-    nearest_angles,
-    poses,
-    root_angles,
-    rotation,
-    signs,
-)
+from nlp.numbers import geometry
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import required_wrenches, running_rotors, wrench_matrix
 from topo_search.model import Array, ResolvedTask, Topology
@@ -91,14 +82,14 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
             half_angle = math.radians(cone.half_angle_deg) if cone is not None and to_com else None
             alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
-    R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    R, _ = geometry.poses(topology, np.eye(3), alpha, task.module.connector_distance)
     upright, yaw = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if not task.search.root_ranges:
         yaw = rng.uniform(-np.pi, np.pi)
     origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
 
     def start_at(angle: float) -> Point:
-        root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)
+        root = root_of(task, geometry.rotation(_unit(mean_force(task)), angle) @ upright)
         return Point(task, topology, root, alpha, origin, no_inputs)
 
     if cone is None:
@@ -112,13 +103,13 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 
 def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles with airflows of neighbours leaning apart, shape (n-1,)."""
-    phi = rng.uniform(0.0, min(DRAWING.largest_splay, largest_turn(task)), topology.n - 1)
-    return nearest_angles(task, topology, signs(topology) * phi)
+    phi = rng.uniform(0.0, min(DRAWING.largest_splay, geometry.largest_turn(task)), topology.n - 1)
+    return geometry.nearest_angles(task, topology, geometry.signs(topology) * phi)
 
 
 def root_of(task: ResolvedTask, R: Array) -> Array:
     """Return the root angles of an orientation, clipped to their bounds if there are any."""
-    root, ranges = root_angles(R), [*task.search.root_ranges.values()]
+    root, ranges = geometry.root_angles(R), [*task.search.root_ranges.values()]
     return np.clip(root, *np.transpose(ranges)) if ranges else root
 
 
@@ -141,8 +132,8 @@ def _apex(start: Point, cone: Cone) -> Array:
     """Return p'_E: upstream of the rotors, just far enough for its cone to contain all airflow."""
     task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
     centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
-    airflow = envelopes(task.module.region_envelopes, *start.poses)
-    reach = cone_reach(airflow, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    airflow = geometry.envelopes(task.module.region_envelopes, *start.poses)
+    reach = geometry.cone_reach(airflow, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
     clear = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
     return np.asarray(centroid + max(reach, clear) * upstream)
@@ -218,8 +209,8 @@ def _rotation_between(a: Array, b: Array) -> Array:
     sine = np.linalg.norm(axis)
     if sine < 1e-12:
         across = np.eye(3)[np.argmin(np.abs(a))]
-        return np.eye(3) if a @ b > 0 else rotation(_unit(np.cross(a, across)), np.pi)
-    return rotation(axis / sine, float(np.arctan2(sine, a @ b)))
+        return np.eye(3) if a @ b > 0 else geometry.rotation(_unit(np.cross(a, across)), np.pi)
+    return geometry.rotation(axis / sine, float(np.arctan2(sine, a @ b)))
 
 
 def _unit(vector: Array) -> Array:

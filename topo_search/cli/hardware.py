@@ -1,7 +1,5 @@
 """`topo-search airflow`, `capability` and `kit`: airflow of a module, capability of a vehicle, common brackets."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 from warnings import catch_warnings

@@ -1,7 +1,5 @@
 """`topo-search init`, `examples`, `check` and `topologies`: task files, their requirements, trees of a size."""
 
-from __future__ import annotations
-
 import re
 from itertools import chain, islice
 from pathlib import Path

@@ -3,8 +3,6 @@
 The root orientation is not rounded: the autopilot holds it, not a bracket.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ Chan's randomised optimisation (Geometric applications of a randomized optimizat
 order, each tree is asked only for a design that exceeds the best value so far. Of N trees about ln N have one.
 """
 
-from __future__ import annotations
-
 from random import Random
 from typing import Literal
 

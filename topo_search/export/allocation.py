@@ -41,8 +41,6 @@ the mean absolute entry (`ControlAllocationPseudoInverse::updateControlAllocatio
 file has QGroundControl's format: vehicle, component, name, value, type (6: int32, 9: float32).
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

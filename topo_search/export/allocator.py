@@ -35,8 +35,6 @@ The dual is concave and piecewise quadratic: Newton's method with an exact line 
 A round changes mu by rho S (w - B T), which is 0 once the wrench is met. Thrusts inside are in units of `FULL`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import hypot, inf, isfinite
 

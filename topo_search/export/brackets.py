@@ -14,8 +14,6 @@ turn. On its z side, a flange has one mark hole (the parent's) or two (the child
 of both modules, or their lower sides if the bracket is upside down.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator

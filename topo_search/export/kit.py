@@ -1,7 +1,5 @@
 """The folder of a kit: its files, and how they are written and replaced."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple

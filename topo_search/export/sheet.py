@@ -5,8 +5,6 @@ table the angles to set. Two views show the whole platform with the modules' num
 centre to three others, and to the tip, serve to check the assembly.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

@@ -1,7 +1,5 @@
 """The assembly sheet as a PDF: the HTML page's own headings, paragraphs, tables and pictures, on A4."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from xml.etree import ElementTree

@@ -20,8 +20,6 @@ A bracket is printed lying on a web, so layers run along the webs, and the flang
 notches and fatigue are not in this estimate.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

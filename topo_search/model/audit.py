@@ -6,19 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
+from topo_search.model import features
 from topo_search.model.clearance import Clearance, Status, counts
-from topo_search.model.features import (
-    WITHIN_TOLERANCES,
-    AirSpeeds,
-    Assembly,
-    CasePower,
-    Flight,
-    MeshExcess,
-    Placement,
-    Sensitivity,
-    StatedCheck,
-    audit_html,
-)
 from topo_search.model.kinds import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.value import Value
@@ -89,24 +78,24 @@ class Audit(Value):
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
     """None where envelopes may merge, or if the file does not say."""
-    sensitivity: Sensitivity | None = None
+    sensitivity: features.Sensitivity | None = None
     """None without clearances, and where airflow envelopes may merge."""
-    flight: Flight | None = None
+    flight: features.Flight | None = None
     """Capabilities of the design beyond its task; None if its numbers are too large to compute with, or if the file
     does not say."""
-    power: Annotated[tuple[CasePower, ...], OMIT_EMPTY] = ()
+    power: Annotated[tuple[features.CasePower, ...], OMIT_EMPTY] = ()
     """Power of the rotors in hover, if possible, and in every load case; empty in older files."""
-    air: Omitted[AirSpeeds] = None
+    air: Omitted[features.AirSpeeds] = None
     """Air speeds by the jet model; None if numbers are too large to compute with, or in older files."""
-    stated: Annotated[tuple[StatedCheck, ...], OMIT_EMPTY] = ()
+    stated: Annotated[tuple[features.StatedCheck, ...], OMIT_EMPTY] = ()
     """Results of the user's own constraints: evaluated, not certified.
 
     A violated one makes the verdict `violated`; a met one proves nothing."""
-    mesh_excess: Annotated[tuple[MeshExcess, ...], OMIT_EMPTY] = ()
+    mesh_excess: Annotated[tuple[features.MeshExcess, ...], OMIT_EMPTY] = ()
     """Regions that are larger than their source mesh, according to the design file."""
-    placement: Omitted[Placement] = None
+    placement: Omitted[features.Placement] = None
     """Load cases in which the rod pulls, and solid half-spaces near rotors; None without either."""
-    assembly: Assembly
+    assembly: features.Assembly
     """Assembly sheet."""
     allowed_contacts: tuple[AllowedContact, ...]
     """Parts that may touch by construction; any other contact is a violation."""
@@ -123,7 +112,7 @@ class Audit(Value):
             return f"{worst.name} ({worst.status}, clearance {upper_text(worst.analytic_m, 3)} m)"
         for row in self.residuals:
             if row.status is not Status.CLEAR:
-                held = self._missed_tolerances(task) if row.name == WITHIN_TOLERANCES else ""
+                held = self._missed_tolerances(task) if row.name == features.WITHIN_TOLERANCES else ""
                 return f"{row.words} ({row.status}, off by {upper_text(row.value, 3)} {row.unit}{held})"
         return next((f"{row.name} ({row.words})" for row in self.stated if row.status == "missed"), None)
 
@@ -153,11 +142,11 @@ class Audit(Value):
         worst = None if self.sensitivity is None else self.sensitivity.tolerances
         if worst is None:
             return None
-        measured = all(row.name != WITHIN_TOLERANCES for row in self.residuals)
+        measured = all(row.name != features.WITHIN_TOLERANCES for row in self.residuals)
         least, attained = lower_text(worst.lower_m, 3), upper_text(worst.attained_m, 3)
         return (
             f"within the task's tolerances: {worst.status}, smallest clearance {least} m or more "
             f"({attained} m in an example), {worst.name}" + measured * "; measured, not required"
         )
 
-    _repr_html_ = audit_html
+    _repr_html_ = features.audit_html

@@ -21,40 +21,26 @@ from pydantic import (
 )
 
 from topo_search.limits import LIMITS, figures, length, quantity, vector
-from topo_search.model import proven
+from topo_search.model import kinds, proven
 from topo_search.model.arrays import Array
-from topo_search.model.kinds import (
-    OMIT_EMPTY,
-    Flag,
-    Index,
-    NonEmpty,
-    NonNegative,
-    Omitted,
-    OneOf,
-    Positive,
-    PositiveVector,
-    Vector,
-    at_most,
-    is_zero,
-)
 from topo_search.model.mesh_file import LARGEST_COORDINATE, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import Broken, Value, refuse, show
 
 
-def _has_direction(vector: Vector) -> Vector:
-    if is_zero(vector):
+def _has_direction(vector: kinds.Vector) -> kinds.Vector:
+    if kinds.is_zero(vector):
         raise ValueError("must have a direction")
     if not 1e-15 <= math.hypot(*vector) <= 1e15:
         raise ValueError("must be between 1e-15 and 1e15 long")
     return vector
 
 
-Direction = Annotated[Vector, AfterValidator(_has_direction)]
-Axis = Annotated[Literal["com"] | Direction, OneOf('must be "com" or [x, y, z]')]
+Direction = Annotated[kinds.Vector, AfterValidator(_has_direction)]
+Axis = Annotated[Literal["com"] | Direction, kinds.OneOf('must be "com" or [x, y, z]')]
 
 
-def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
+def _check_volume(vertices: tuple[kinds.Vector, ...]) -> tuple[kinds.Vector, ...]:
     if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > LARGEST_COORDINATE:
         raise ValueError(f"must be at most {LARGEST_COORDINATE:g} m away")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
@@ -62,26 +48,28 @@ def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return vertices
 
 
-def _check_thickness(box: Vector) -> Vector:
+def _check_thickness(box: kinds.Vector) -> kinds.Vector:
     if min(box) <= 1e-6 * max(box):
         raise ValueError(f"must not be thinner than a millionth of its length, but got {show(box)}")
     return box
 
 
-HullPoints = Annotated[tuple[Vector, ...], at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)]
+HullPoints = Annotated[
+    tuple[kinds.Vector, ...], kinds.at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)
+]
 
 
 class Region(Value):
     """Fields that all regions share; each kind also has `words` and `shapes`."""
 
-    speed: Omitted[Positive] = None
+    speed: kinds.Omitted[kinds.Positive] = None
     """Largest allowed air speed in the region, in every load case, by the jet model [m/s]."""
-    geometry: Annotated[Flag, Field(exclude_if=lambda flag: flag)] = True
+    geometry: Annotated[kinds.Flag, Field(exclude_if=lambda flag: flag)] = True
     """True if airflow envelopes must stay out of the region; false: only its `speed` is limited, if at all."""
-    solid: Annotated[Flag, OMIT_EMPTY] = False
+    solid: Annotated[kinds.Flag, kinds.OMIT_EMPTY] = False
     """True if the region is an object, such as a wall: rigid parts stay out too, and so does the rod except its
     tip, unless p_E is inside."""
-    contact: Omitted[Index] = None
+    contact: kinds.Omitted[kinds.Index] = None
     """Number of the load case whose object the region is. Set in designs, not in tasks."""
 
     @model_serializer(mode="wrap")
@@ -107,7 +95,7 @@ class Region(Value):
 class UnboundedRegion(Region):
     """Fields that unbounded regions share."""
 
-    speed_within: Omitted[Positive] = None
+    speed_within: kinds.Omitted[kinds.Positive] = None
     """Distance from the end-effector up to which `speed` applies [m]; default: everywhere."""
 
     @property
@@ -137,15 +125,17 @@ class Local(Region):
     model_config = ConfigDict(json_schema_extra=mesh_schema)
 
     kind: Literal["local"] = "local"
-    radius: Omitted[Positive] = None
+    radius: kinds.Omitted[kinds.Positive] = None
     """r_sph: radius of a ball centred at p_E [m]; default: 0.15, if no other shape is given."""
-    box: Omitted[Annotated[PositiveVector, AfterValidator(_check_thickness)]] = None
+    box: kinds.Omitted[Annotated[kinds.PositiveVector, AfterValidator(_check_thickness)]] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
-    vertices: Omitted[HullPoints] = None
+    vertices: kinds.Omitted[HullPoints] = None
     """Points from p_E [m]; the region is their convex hull."""
-    pieces: Omitted[Annotated[tuple[HullPoints, ...], at_most(LIMITS.pieces, "pieces"), NonEmpty]] = None
+    pieces: kinds.Omitted[
+        Annotated[tuple[HullPoints, ...], kinds.at_most(LIMITS.pieces, "pieces"), kinds.NonEmpty]
+    ] = None
     """Lists of points from p_E [m]; the region is the union of their convex hulls."""
-    mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(LIMITS.pieces)]] = None
+    mesh_excess: kinds.Omitted[Annotated[tuple[kinds.NonNegative, ...], kinds.at_most(LIMITS.pieces)]] = None
     """Upper bound for the excess of each piece over its source mesh [m]; None without excess."""
 
     @model_validator(mode="before")
@@ -206,7 +196,7 @@ class Local(Region):
         return np.concatenate([np.zeros((0, 3)), *self.polytopes])
 
 
-def _check_path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
+def _check_path(points: tuple[kinds.Vector, ...]) -> tuple[kinds.Vector, ...]:
     if len(points) < 2:
         raise ValueError(f"must have at least two points, but got {show(points)}")
     if max(abs(x) for point in points for x in point) > LARGEST_COORDINATE:
@@ -216,22 +206,22 @@ def _check_path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return points
 
 
-Path = Annotated[tuple[Vector, ...], at_most(LIMITS.segments, "points"), AfterValidator(_check_path)]
+Path = Annotated[tuple[kinds.Vector, ...], kinds.at_most(LIMITS.segments, "points"), AfterValidator(_check_path)]
 
 
 class Directional(Region):
     """Capsules along motion paths near the end-effector that no envelope may enter."""
 
     kind: Literal["directional"] = "directional"
-    radius: Positive = 0.15
+    radius: kinds.Positive = 0.15
     """r_sph: radius of the capsules [m]."""
-    segments: Annotated[tuple[Direction, ...], at_most(LIMITS.segments), NonEmpty] | None = None
+    segments: Annotated[tuple[Direction, ...], kinds.at_most(LIMITS.segments), kinds.NonEmpty] | None = None
     """End of each straight path that starts at the end-effector, from p_E [m]."""
-    polylines: Omitted[Annotated[tuple[Path, ...], at_most(LIMITS.segments), NonEmpty]] = None
+    polylines: kinds.Omitted[Annotated[tuple[Path, ...], kinds.at_most(LIMITS.segments), kinds.NonEmpty]] = None
     """Instead of segments: bent paths, each a list of points from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """Instead of segments: one path along p_E, away from the COM."""
-    length: Positive | None = None
+    length: kinds.Positive | None = None
     """Length of the path along p_E [m]."""
 
     def _broken_rules(self) -> Broken:
@@ -314,7 +304,7 @@ class Allowed(UnboundedRegion):
     """Everything outside a convex polyhedron, which may be unbounded; all envelopes stay inside it."""
 
     kind: Literal["allowed"] = "allowed"
-    planes: Annotated[tuple[UnitPlane, ...], at_most(LIMITS.segments, "planes"), NonEmpty]
+    planes: Annotated[tuple[UnitPlane, ...], kinds.at_most(LIMITS.segments, "planes"), kinds.NonEmpty]
     """Half-spaces whose intersection is the polyhedron."""
 
     def _broken_rules(self) -> Broken:
@@ -356,7 +346,7 @@ PART_NAMES = {"directional": "segment", "allowed": "plane", "local": "piece"}
 """Names of the numbered parts of a requirement."""
 
 
-def object_beyond(outwards: Vector, case: int) -> AnyExposure:
+def object_beyond(outwards: kinds.Vector, case: int) -> AnyExposure:
     """Return the object of a load case: all beyond the plane through p_E with that normal; air may enter."""
     x, y, z = outwards
     return Exterior(half_angle_deg=90.0, axis=(0.0 - x, 0.0 - y, 0.0 - z), solid=True, geometry=False, contact=case)

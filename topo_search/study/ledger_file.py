@@ -5,8 +5,6 @@ texts of results and audits, nearly all of the file, are checked when they are r
 their checksums (CRC-32). The file is created complete, with its run, so an empty file is damaged.
 """
 
-from __future__ import annotations
-
 import sqlite3
 import zlib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The phases of a run, its plan, and how long they are expected to take."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, Protocol

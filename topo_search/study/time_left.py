@@ -23,22 +23,11 @@ import math
 from itertools import pairwise
 
 from topo_search.engine.workers import start_ranges
+from topo_search.study import progress
 from topo_search.study.folder import RunFolder
-from topo_search.study.progress import (
-    AUDIT_BATCH,
-    EXPECTED,
-    WRITING,
-    Phase,
-    PhaseName,
-    Plan,
-    audit_phase,
-    duration,
-    proof_phase,
-    solving_phase,
-)
 
 
-def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> Plan:
+def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) -> progress.Plan:
     """Return the plan of what a run has not done yet.
 
     Args:
@@ -46,13 +35,13 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
         workers: number of jobs that run at a time; None if unknown.
         time_limit: time limit of solving [s].
     """
-    timed, phases = math.isfinite(time_limit), list[Phase]()
+    timed, phases = math.isfinite(time_limit), list[progress.Phase]()
     sizes = ((level.request, level.ledger, n) for level in folder.levels for n in level.request.task.sizes)
     for request, ledger, n in sizes:
         context = request.contexts(n)[0]
         bound = ledger.bound(context)
         if bound is None:
-            phases.append(proof_phase(n))
+            phases.append(progress.proof_phase(n))
         elif bound[1] is not None:
             continue  # proven impossible
         count = request.space(n).count()
@@ -61,28 +50,28 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
             stops = [0, *(part.stop for part in start_ranges(request.starts, request.starts, timed=timed))]
             for before, stop in pairwise(stops):
                 unsolved = candidates - ledger.count_solved(context, stop)
-                name: PhaseName = "polishing" if before else "searching"
+                name: progress.PhaseName = "polishing" if before else "searching"
                 if unsolved > 0:
-                    phases.append(solving_phase(name, context.task, unsolved, stop, before))
-            phases.append(audit_phase(n, min(AUDIT_BATCH, candidates)))
-    return Plan((*phases, WRITING), workers, time_limit)
+                    phases.append(progress.solving_phase(name, context.task, unsolved, stop, before))
+            phases.append(progress.audit_phase(n, min(progress.AUDIT_BATCH, candidates)))
+    return progress.Plan((*phases, progress.WRITING), workers, time_limit)
 
 
 class TimeLeft:
     """Follows a run and estimates its remaining time."""
 
     def __init__(self) -> None:
-        self._planned: list[Phase] = []
+        self._planned: list[progress.Phase] = []
         self._workers = 1
         self._deadline = math.inf
-        self._phase = Phase("writing", 0, 0, is_serial=True)
+        self._phase = progress.Phase("writing", 0, 0, is_serial=True)
         self._phase_start = self._last_step = 0.0
         self._solved = self._known = 0
         self._measured: dict[bool, tuple[float, float]] = {}
         """Measured and expected time of all phases that solve, and of all others [s]."""
         self._starting_workers = 0
 
-    def plan(self, plan: Plan, now: float) -> None:
+    def plan(self, plan: progress.Plan, now: float) -> None:
         """Begin a run.
 
         Args:
@@ -93,7 +82,7 @@ class TimeLeft:
         self._starting_workers = self._workers
         self._deadline = now + plan.time_limit
 
-    def begin(self, phase: Phase, now: float) -> None:
+    def begin(self, phase: progress.Phase, now: float) -> None:
         """Begin a phase, planned or not."""
         self._measured = self._measure(now)
         indices = [index for index, planned in enumerate(self._planned) if planned.plan_key == phase.plan_key]
@@ -129,9 +118,9 @@ class TimeLeft:
         steps = phase.steps - self._known
         step = self._correct_duration(phase, self._measured) / phase.steps
         if self._is_starting:
-            return max(0.0, self._phase_start + EXPECTED.startup_s - now) + step * steps
+            return max(0.0, self._phase_start + progress.EXPECTED.startup_s - now) + step * steps
         d = self._solved + self._running_steps(steps)
-        T = EXPECTED.trusted_steps if step else 0.0  # without an expectation only the measurement counts
+        T = progress.EXPECTED.trusted_steps if step else 0.0  # without an expectation only the measurement counts
         remaining = (now - self._phase_start + T * step) / (d + T) * max(0.0, steps - d)
         return max(remaining, now - self._last_step) if self._solved < steps else remaining
 
@@ -142,10 +131,10 @@ class TimeLeft:
     def _is_starting(self) -> bool:
         return not self._phase.is_serial and self._starting_workers > 0
 
-    def _correct_duration(self, phase: Phase, measured: dict[bool, tuple[float, float]]) -> float:
+    def _correct_duration(self, phase: progress.Phase, measured: dict[bool, tuple[float, float]]) -> float:
         """Return the expected duration of a phase, times c [s]."""
-        planned = duration(phase, self._workers)
-        trusted = EXPECTED.trusted_steps * planned / max(1, phase.steps)
+        planned = progress.duration(phase, self._workers)
+        trusted = progress.EXPECTED.trusted_steps * planned / max(1, phase.steps)
         seconds, expected = measured.get(bool(phase.starts), (0.0, 0.0))
         return planned * (seconds + trusted) / (expected + trusted) if planned else 0.0
 
@@ -154,7 +143,7 @@ class TimeLeft:
         phase = self._phase
         if phase.is_serial or not phase.steps or self._is_starting:
             return self._measured
-        step = duration(phase, self._workers) / phase.steps
+        step = progress.duration(phase, self._workers) / phase.steps
         steps = self._solved + self._running_steps(phase.steps - self._known)
         seconds, expected = self._measured.get(bool(phase.starts), (0.0, 0.0))
         total = seconds + now - self._phase_start, expected + steps * step

@@ -1,7 +1,5 @@
 """A user's list of candidates: keys, trees or graphs, checked against the task before anything is solved."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 

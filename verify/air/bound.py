@@ -15,8 +15,6 @@ theory gives K / (K + 4 v_q / (omega R)), with K = sigma a / 4 of solidity and l
 default rotor in hover. Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

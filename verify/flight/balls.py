@@ -42,8 +42,6 @@ With a dead rotor, the ball of torques that can be added shows whether attitude 
 a dead rotor are zero, even if the smallest input of a running rotor is not.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -16,8 +16,6 @@ at the cut is not beyond it. A rod whose mass counts is on the end-effector's si
 task. No single cut parts a cycle of a lattice: the loads of its joints are statically indeterminate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

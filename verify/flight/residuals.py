@@ -1,7 +1,5 @@
 """Residuals of the flight requirements: required reserves, rotor failures, joint loads and tolerances."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Any

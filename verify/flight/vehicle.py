@@ -11,8 +11,6 @@ Linear programs maximise along the facet normals of the hull of the known vertic
 hull is Z.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -10,16 +10,7 @@ from topo_search.compiled_code import is_cached, refresh
 from topo_search.model import Array, CheckedChunk, Chunk, ResolvedTask, Topology, proven
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, most_effort, proof_task
 from topo_search.model.topology import straight_chain
-from verify.proof import replay
-from verify.proof.platform import (
-    angles_around,
-    effort_unit,
-    hinge_angles,
-    reroot,
-    to_arrays,
-    turns_about_vertical,
-    whole_box,
-)
+from verify.proof import platform, replay
 
 refresh(replay.replay, Path(__file__).parent, Path(proven.__file__))
 
@@ -58,14 +49,14 @@ def check_chunk(
         return CheckedChunk(number=chunk.number, fault=str(error))
     lower, upper = chunk_box(task, n, chunk.number)
     weighted = cut < most_effort(task)
-    if not weighted and turns_about_vertical(task, problem):
+    if not weighted and platform.turns_about_vertical(task, problem):
         lower[0], upper[0] = 0.0, 0.0
     if np.any(lower > upper) and not len(record):  # no combination of the set's hinge angles is in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    tree = reroot(topology, root_module)
-    problem_arrays = to_arrays(task, tree, problem, chunk.corners, weighted=weighted)
+    tree = platform.reroot(topology, root_module)
+    problem_arrays = platform.to_arrays(task, tree, problem, chunk.corners, weighted=weighted)
     # 1e-12: a bound in these units differs from one in SI by a few roundings
-    replayed = replay.replay(problem_arrays, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
+    replayed = replay.replay(problem_arrays, lower, upper, cut / platform.effort_unit(task) * (1 + 1e-12), record)
     fault = None
     if replayed.outcome != replay.VALID:
         where = _box_text(replayed.lower, replayed.upper)
@@ -85,10 +76,10 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
 
     A chunk without any angle of the task's set has least angles above the greatest.
     """
-    (lower, upper), angles = whole_box(task, n), hinge_angles(task)
+    (lower, upper), angles = platform.whole_box(task, n), platform.hinge_angles(task)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
         axis = 3 + split % (n - 1)
-        lower_end, upper_begin = angles_around(angles, (lower[axis] + upper[axis]) / 2)
+        lower_end, upper_begin = platform.angles_around(angles, (lower[axis] + upper[axis]) / 2)
         if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0:
             upper[axis] = lower_end
         else:
