@@ -1,6 +1,7 @@
 """`list`, `show`, `open` and `compare`: finished runs, read again."""
 
 import json
+import re
 import shutil
 from functools import partial
 from pathlib import Path
@@ -81,6 +82,12 @@ def test_help_lists_every_command_once_with_its_whole_summary() -> None:
         summary = " ".join(command.help.partition("\n\n")[0].split())
         assert summary.endswith(".")
         assert summary in text
+
+
+def test_help_of_a_command_lists_options_in_groups_and_no_argument_among_them() -> None:
+    rows = invoke("run", "--help").stdout.partition("\nOptions:\n")[2].partition("\n  Example:")[0]
+    assert re.findall(r"^(\w+):$", rows, re.MULTILINE) == ["Task", "Output", "Advanced"]
+    assert all(name.startswith("-") for name in re.findall(r"^  (\S+)", rows, re.MULTILINE))
 
 
 # ---- `topo-search report`: what it writes where, and what it says when it cannot; `run` writes its page by

@@ -89,7 +89,8 @@ class ExplainedCommand(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a section for each group of options that the command has."""
         sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *OPTION_GROUPS)}
-        for parameter in self.get_params(ctx):
+        options = (parameter for parameter in self.get_params(ctx) if isinstance(parameter, click.Option))
+        for parameter in options:
             if (record := parameter.get_help_record(ctx)) is not None:
                 groups = (title for title, names in OPTION_GROUPS.items() if names & set(parameter.opts))
                 sections[next(groups, "Options")].append(record)

@@ -53,7 +53,7 @@ def _tasks(texts: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
 )
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=options.PATH, required=True, help="The experiment's folder.")
-@click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
+@options.flag("--small", "Use small settings that finish in seconds.")
 @click.option(
     "--task",
     "tasks",

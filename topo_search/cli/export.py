@@ -50,12 +50,8 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     above=True,
 )
-@click.option("--rod-mass", is_flag=True, help="Give the rod its mass in the MuJoCo model in any case.")
-@click.option(
-    "--contacts",
-    is_flag=True,
-    help="Add contacts to the MuJoCo model: a tip for the rod, and the task's solid regions.",
-)
+@options.flag("--rod-mass", "Give the rod its mass in the MuJoCo model in any case.")
+@options.flag("--contacts", "Add contacts to the MuJoCo model: a tip for the rod, and the task's solid regions.")
 @click.option(
     "--out",
     type=options.PATH,

@@ -33,10 +33,8 @@ if TYPE_CHECKING:
     "Relative standard deviation of masses and thrusts from the controller's model.",
     default=0.0,
 )
-@click.option(
-    "--rotor-out",
-    is_flag=True,
-    help="Require that a rotor failure is survived, as `flight.rotor_out` does; otherwise only report it.",
+@options.flag(
+    "--rotor-out", "Require that a rotor failure is survived, as `flight.rotor_out` does; otherwise only report it."
 )
 @options.real_number(
     "--detection-time",

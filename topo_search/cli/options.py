@@ -52,6 +52,11 @@ def choice(option: str, values: Sequence[str], text: str, **settings: Any) -> Ca
     return click.option(option, type=click.Choice(values), help=text, **settings)
 
 
+def flag(option: str, text: str, *names: str) -> Callable[..., Any]:
+    """Return an option that is given or not."""
+    return click.option(option, *names, is_flag=True, help=text)
+
+
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -69,9 +74,7 @@ connectors = choice(
     "--connectors", ["aligned", "any"], "Ports by which a child may be attached: only the opposite one, or any."
 )
 root = choice("--root", ["free", "paper"], "Root orientation: free, or limited to the paper's two angles.")
-paper = click.option(
-    "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance, no rod."
-)
+paper = flag("--paper", "The paper's literal problem: its root, no margin, no body clearance, no rod.")
 as_json = click.option(
     "--json",
     is_flag=True,

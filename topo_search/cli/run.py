@@ -58,11 +58,7 @@ if TYPE_CHECKING:
     "Proposals that may be pending at a time (default: 8). More keep more workers busy but learn later.",
     "round_size",
 )
-@click.option(
-    "--prune",
-    is_flag=True,
-    help="Skip candidates that the lower bound proves no better than the best design so far.",
-)
+@options.flag("--prune", "Skip candidates that the lower bound proves no better than the best design so far.")
 @options.real_number(
     "--prove",
     LIMITS.gaps,
@@ -85,7 +81,7 @@ if TYPE_CHECKING:
 @options.time_limit()
 @options.topologies
 @options.near
-@click.option("--live", is_flag=True, help="Serve the page while the search runs, to this machine only.")
+@options.flag("--live", "Serve the page while the search runs, to this machine only.")
 @options.as_json
 def run(
     task: str,

@@ -135,7 +135,7 @@ def _figures(design: Compared) -> dict[str, object]:
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
-@click.option("--details", is_flag=True, help="Print every figure.")
+@options.flag("--details", "Print every figure.")
 @options.workers
 def audit(designs: tuple[str, ...], table: Path | None, details: bool, workers: int | None) -> None:
     """Audit designs exactly, from the design files alone.

@@ -132,12 +132,7 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
     "and exposure.",
 )
 @options.time_limit("Stop after this time and keep the proofs so far.")
-@click.option(
-    "--check",
-    "checks",
-    is_flag=True,
-    help="Only check the proofs in RUN, with code that shares nothing with the prover.",
-)
+@options.flag("--check", "Only check the proofs in RUN, with code that shares nothing with the prover.", "checks")
 @options.workers
 @options.dask
 @options.as_json

@@ -15,8 +15,8 @@ from topo_search.limits import LIMITS
 
 @command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
 @click.argument("file", type=options.FILE, metavar="[FILE]", default="task.toml")
-@click.option("--full", is_flag=True, help="Write every field with its default, unit and meaning.")
-@click.option("--force", is_flag=True, help="Overwrite an existing file.")
+@options.flag("--full", "Write every field with its default, unit and meaning.")
+@options.flag("--force", "Overwrite an existing file.")
 def init(file: Path, full: bool, force: bool) -> None:
     """Write a task file to start from, FILE (default: task.toml): a platform that pushes while it hovers.
 
@@ -74,7 +74,7 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool
 
 @command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
-@click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
+@options.flag("--count", "Print only the number of topologies.", "only_count")
 @options.whole_number(
     "--sample", (1, LIMITS.drawn_trees), "Print M topologies, drawn uniformly.", "size", metavar="M"
 )
