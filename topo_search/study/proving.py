@@ -21,6 +21,7 @@ from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proof import Aim, Problem, chunk_count, most_effort
 from topo_search.model.proven import gap_percent, lower_text, upper_text
 from topo_search.model.value import BadInput, Fault
+from topo_search.study import proofs
 from topo_search.study.answer import Answer
 from topo_search.study.answering import answer_of, detect_loss
 from topo_search.study.directory import CHANGED, RunFile
@@ -28,16 +29,6 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
-from topo_search.study.proofs import (
-    claim_of,
-    concerns,
-    floor_of,
-    proofs_for,
-    proofs_of,
-    sizes_with_best,
-    target,
-    unfinished_proofs,
-)
 from topo_search.study.request import Request
 from topo_search.study.tables import write_candidates
 
@@ -182,28 +173,28 @@ def prove(
     until = time.monotonic() + time_limit
     with RunFolder.load(path, writes=True) as folder, detect_loss(folder):
         refuse_unprovable(folder.request, str(path))
-        sizes = sizes_with_best(folder, key)
+        sizes = proofs.sizes_with_best(folder, key)
         open_trees = dict[int, tuple[str, ...]]()
         try:
             for n, incumbent, best, rows in sizes:
                 rows.sort(key=lambda row: row.status == "impossible")  # last: only `--check` uses their proofs
                 impossible = frozenset(row.key for row in rows if row.status == "impossible")
                 task = folder.request.contexts(n)[0].task
-                size = _SizeProofs(folder, observer, floor_of(task, incumbent, gap), impossible=impossible)
+                size = _SizeProofs(folder, observer, proofs.floor_of(task, incumbent, gap), impossible=impossible)
                 reusable_proofs = _reusable_proofs(source_run, task)
-                stored_proofs = proofs_of(folder, n)
+                stored_proofs = proofs.proofs_of(folder, n)
                 size.complete = {key: proof for key, proof in stored_proofs.items() if proof.complete}
-                unfinished = unfinished_proofs(folder, n)
+                unfinished = proofs.unfinished_proofs(folder, n)
                 for row in rows:
                     wanted = _target_proof(task, row, best, gap, problem, centre)
-                    stored = (proofs.get(row.key) for proofs in (stored_proofs, unfinished))
+                    stored = (held.get(row.key) for held in (stored_proofs, unfinished))
                     sufficient = (p for p in stored if p and _is_sufficient(p, wanted, size.floor))
                     proof, other = next(sufficient, None), reusable_proofs.get(row.key)
                     if proof is not None:
                         if proof.open_at is not None and size.can_lower(proof):
                             proof = _lower(proof, size.floor)
                     elif other is not None and _shows(other, size.floor, problem) and size.gains(other):
-                        reached: Aim = "excluded" if other.level >= floor_of(task, incumbent) else "within"
+                        reached: Aim = "excluded" if other.level >= proofs.floor_of(task, incumbent) else "within"
                         proof = other.model_copy(update={"aim": reached, "gap": gap})
                         size.unwritten.add(row.key)
                     else:
@@ -253,7 +244,7 @@ def _target_proof(
     centre: Callable[[ResolvedTask, Topology], int],
 ) -> Proof:
     """Return the proof of a tree that is asked for, without chunks."""
-    aim, cut = target(row, best, gap) if task.search.maximize is None else ("within", 0.0)
+    aim, cut = proofs.target(row, best, gap) if task.search.maximize is None else ("within", 0.0)
     if task.search.maximize is not None:
         task = provable_at(task, best * (1 + gap))
         cut = most_effort(task)
@@ -328,11 +319,11 @@ def _reusable_proofs(source_run: Path | None, task: ResolvedTask) -> dict[str, P
     if source_run is None:
         return {}
     with RunFolder.load(source_run) as folder:
-        proofs = proofs_for(folder, task)
-    if not proofs:
+        held = proofs.proofs_for(folder, task)
+    if not held:
         text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
         raise BadInput(str(source_run), text)
-    return proofs
+    return held
 
 
 def _lower(proof: Proof, floor: float) -> Proof:
@@ -445,7 +436,7 @@ def check(
     checked = Checked()
     with RunFolder.load(path) as folder:
         _refuse_goals(folder.request, str(path))
-        checked.objective, sizes = objective_of(folder.request.task), sizes_with_best(folder, key)
+        checked.objective, sizes = objective_of(folder.request.task), proofs.sizes_with_best(folder, key)
         for n, best, _, rows in sizes:
             if not rows:
                 continue
@@ -562,7 +553,7 @@ def _mismatch(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     """Say why a proof does not belong to this tree and task."""
     if proof.topology_key != key:
         return f"{RunFile.PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
-    if not concerns(proof, task):
+    if not proofs.concerns(proof, task):
         return f"{RunFile.PROOFS}/{key} is about another task"
     numbers = [chunk.number for chunk in proof.chunks]
     if len(set(numbers)) < len(numbers):
@@ -581,6 +572,6 @@ def _sentence(folder: RunFolder, trees: list[CheckedTree], best: Row, candidates
     if unproven or not proven:
         return ", ".join([f"{len(checked)} of {candidates} trees checked", *unproven]) + impossible
     bounds = [tree.bound for tree in checked if tree.bound is not None]
-    _, claim, scope = claim_of(folder, best, bounds, [tree.problem for tree in checked])
+    _, claim, scope = proofs.claim_of(folder, best, bounds, [tree.problem for tree in checked])
     than = f" than {best.key}" if folder.request.task.search.maximize is None else ""
     return f"checked: {claim}{than} ({len(checked)} of {candidates} trees{impossible}); {scope}"

@@ -36,15 +36,7 @@ from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
 from verify.assembly import rod_moment
-from verify.flight.balls import (
-    TORQUES,
-    BallBound,
-    Polytopes,
-    PseudoInverse,
-    RotorFailures,
-    largest_balls,
-    rotor_failures,
-)
+from verify.flight import balls
 from verify.flight.joints import children_in_cycles, inertia, joint_loads
 from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, platform, required_wrench, wrench_map
@@ -220,14 +212,14 @@ class CapabilityAnalysis:
             ("force", "_com", "N", at_com, force, torque),
             ("horizontal", "_com", "N", at_com, side, torque_and_lift),
         )
-        groups = list[Polytopes]()
+        groups = list[balls.Polytopes]()
         for _, _, _, p, varied, fixed in quantities:
             M, w = (np.vstack([W[:3], _torques_about(p, W), W[2:3]]) for W in (self.A, b.T))
-            groups.append(Polytopes(M[varied], M[fixed], w[varied].T, w[fixed].T))
+            groups.append(balls.Polytopes(M[varied], M[fixed], w[varied].T, w[fixed].T))
         level = b[hover : hover + 1] if hover >= 0 else b[:0]
-        groups.append(Polytopes(self.A[force], self.A[torque], level[:, force], level[:, torque], caps=True))
-        *balls, caps = largest_balls(groups, self.box)
-        for (quantity, point, unit, p, varied, _), row_balls in zip(quantities, balls, strict=True):
+        groups.append(balls.Polytopes(self.A[force], self.A[torque], level[:, force], level[:, torque], caps=True))
+        *inner, caps = balls.largest_balls(groups, self.box)
+        for (quantity, point, unit, p, varied, _), row_balls in zip(quantities, inner, strict=True):
             name, scale = f"{quantity}_reserve{point}{{}}_{unit}", self.force if unit == "N" else self.torque
             E = np.eye(6)
             E[3:, :3] = np.cross(p, np.eye(3)).T
@@ -243,7 +235,7 @@ class CapabilityAnalysis:
         """Return the fields of accelerations about each axis: the greatest s for which A v = b +- s J e / |J e|."""
         if self.J is None:
             return [{} for _ in b]
-        norms, directions = np.linalg.norm(self.J, axis=0), TORQUES @ self.J
+        norms, directions = np.linalg.norm(self.J, axis=0), balls.TORQUES @ self.J
         by_inverse = [tuple(self.pseudo_inverse.ball(w, directions[:, [k]]) for k in range(3)) for w in b]
         fields: list[dict[str, Any]] = [{"angular_acceleration_rad_s2_pseudo_inverse": a} for a in by_inverse]
         if not norms.all():
@@ -275,9 +267,9 @@ class CapabilityAnalysis:
         return optima.attained.reshape(B, D), optima.upper.reshape(B, D)
 
     @cached_property
-    def pseudo_inverse(self) -> PseudoInverse:
+    def pseudo_inverse(self) -> balls.PseudoInverse:
         """Reserves of a pseudo-inverse allocator."""
-        return PseudoInverse(self.A, self.box)
+        return balls.PseudoInverse(self.A, self.box)
 
     def rotors_out(self, cases: Sequence[int]) -> RotorsOut:
         """Return the single rotors whose failure cases survive, given their numbers (0: hover)."""
@@ -306,9 +298,9 @@ class CapabilityAnalysis:
         return tuple(divmod(int(j), self._rotors_each) for j in np.flatnonzero(which))
 
     @cached_property
-    def _failures(self) -> list[RotorFailures]:
+    def _failures(self) -> list[balls.RotorFailures]:
         level = None if self.is_left_computed else self.enough_left
-        return [rotor_failures(self.A, b, self.box, level) for b in self.wrenches]
+        return [balls.rotor_failures(self.A, b, self.box, level) for b in self.wrenches]
 
     def _load_factor(self, b: Array, force: Vector) -> dict[str, float]:
         """Return the load factor, the greatest s for which A v = w + s (b - w) has a solution.
@@ -405,7 +397,7 @@ def _joint_loads(
     )
 
 
-def _ball_fields(name: str, weakest: str, ball: BallBound, scale: float) -> dict[str, Any]:
+def _ball_fields(name: str, weakest: str, ball: balls.BallBound, scale: float) -> dict[str, Any]:
     """Return the fields of a reserve; empty if nothing is proven.
 
     Args:
