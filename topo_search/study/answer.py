@@ -10,18 +10,9 @@ from topo_search.model import Audit, Design
 from topo_search.model.features import FastAir, Level, Missed, Relaxed, find_missed
 from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import gap_percent
+from topo_search.study import tables
 from topo_search.study.ledger import Row, best_of
 from topo_search.study.pareto import FrontPoint, idle_goals
-from topo_search.study.tables import (
-    answer_html,
-    answer_repr,
-    candidates,
-    front_table,
-    shortfalls,
-    size_html,
-    size_repr,
-    solves,
-)
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -110,7 +101,7 @@ class SizeAnswer:
             return row.gap
         return self.objective.gap_after(self.proven_gap, self.objective.excess(row, self.best))
 
-    __repr__, _repr_html_ = size_repr, size_html
+    __repr__, _repr_html_ = tables.size_repr, tables.size_html
 
 
 @dataclass(frozen=True)
@@ -267,7 +258,7 @@ class Answer:
     @property
     def candidates(self) -> pd.DataFrame:
         """A row for every candidate, with the columns of `candidates.csv`, best first."""
-        return candidates(self.folder)
+        return tables.candidates(self.folder)
 
     @property
     def shortfalls(self) -> pd.DataFrame:
@@ -278,7 +269,7 @@ class Answer:
         numbers. A candidate that is proven impossible was not solved and has no row. With goals, the last column is
         the level's number.
         """
-        return shortfalls(self.folder)
+        return tables.shortfalls(self.folder)
 
     @property
     def solves(self) -> pd.DataFrame:
@@ -286,12 +277,12 @@ class Answer:
 
         With goals, the last column is the level's number.
         """
-        return solves(self.folder)
+        return tables.solves(self.folder)
 
     @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
-        return front_table(self.points)
+        return tables.front_table(self.points)
 
     @property
     def proven(self) -> bool:
@@ -308,7 +299,7 @@ class Answer:
     def _all_sizes(self) -> tuple[SizeAnswer, ...]:
         return tuple(size for level in self.levels for size in level.sizes) or self.sizes
 
-    __repr__, _repr_html_ = answer_repr, answer_html
+    __repr__, _repr_html_ = tables.answer_repr, tables.answer_html
 
     @property
     def exit_status(self) -> int:
