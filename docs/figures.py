@@ -17,12 +17,13 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Wedge
 
-from topo_search.export import palette
+from topo_search.export import PAPER, palette
 from topo_search.export.brackets import bracket
 from topo_search.export.picture import Drawing
 from topo_search.export.tree_drawing import layout
@@ -38,14 +39,9 @@ from verify.kinematics import poses, rotation
 
 OUT = Path(__file__).parent / "pages/figures"
 DESIGNS = Path(__file__).parents[1] / "tests/designs"
-INK, PALE, SHEET = "#222222", "#777777", "#ffffff"
-STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "topo-search",
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": INK,
-}
+INK, PALE = "#222222", "#777777"
+SITE = {"svg.fonttype": "none", "font.size": 9, "text.color": INK}
+"""What differs from figures of papers: text is text, which the site's readers can search and enlarge."""
 MODULE = Module()
 ROTORS = MODULE.rotor_table
 Y = np.array([0.0, 1.0, 0.0])
@@ -69,8 +65,8 @@ def drawing(width: float, height: float, panels: int = 1) -> Callable[[Draw], Dr
 def svg(name: str) -> str:
     """Return a figure as SVG."""
     draw, size, panels = DRAWN[name]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=size, facecolor=SHEET, layout="constrained")
+    with style.context([PAPER, SITE]):
+        figure = Figure(figsize=size)
         if panels:
             axes = figure.subplots(1, panels, squeeze=False)[0]
             for panel in axes:
@@ -221,27 +217,26 @@ def euler(*panels: Axes) -> None:
 def frames(figure: Figure) -> None:
     """Task frame, centre of mass and end-effector of a real design."""
     figure.set_layout_engine("none")  # the scene knows its part of the figure
-    with mpl.rc_context({"font.size": 8}):
-        design = read_json(Design, DESIGNS / "wall-push.json")
-        platform = poses_of(design)
-        scene = Drawing(figure, (0.02, 0.02, 0.96, 0.94), design, platform)
-        scene.platform()
-        scene.finish()
-        for position, words, by in (
-            (platform.p[0], "root module: origin of W,\nits axes are the task's", (-60, 40)),
-            (platform.p_com, "centre of mass: COM loads act here", (60, -45)),
-            (platform.end_effector, "tip: end-effector loads act here,\n$p_E$ from the centre of mass", (25, 40)),
-        ):
-            scene.axes.annotate(
-                words,
-                scene._project(position[None])[0],
-                xytext=by,
-                textcoords="offset points",
-                fontsize=8,
-                arrowprops={"arrowstyle": "-", "color": PALE},
-                zorder=20,
-                ha="center",
-            )
+    design = read_json(Design, DESIGNS / "wall-push.json")
+    platform = poses_of(design)
+    scene = Drawing(figure.add_axes((0.02, 0.02, 0.96, 0.94), projection="3d"), design, platform)
+    scene.platform()
+    scene.finish()
+    for position, words, by in (
+        (platform.p[0], "root module: origin of W,\nits axes are the task's", (-60, 40)),
+        (platform.p_com, "centre of mass: COM loads act here", (60, -45)),
+        (platform.end_effector, "tip: end-effector loads act here,\n$p_E$ from the centre of mass", (25, 40)),
+    ):
+        scene.axes.annotate(
+            words,
+            scene._project(position[None])[0],
+            xytext=by,
+            textcoords="offset points",
+            fontsize=8,
+            arrowprops={"arrowstyle": "-", "color": PALE},
+            zorder=20,
+            ha="center",
+        )
 
 
 @drawing(4.4, 4.4)

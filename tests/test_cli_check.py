@@ -174,7 +174,7 @@ NO_TOLERANCES = "must be false if all of [tolerances] (hinge_angle_deg, position
         (["none.toml"], "none.toml: no such file, nor a shipped example"),
         (["push", "--set", "module.mass=-1"], "module.mass: must be greater than 0, but got -1"),
         (["push", "--set", "flight.tolerances=true"], f"flight.tolerances: {NO_TOLERANCES}, but got true"),
-        (["push", "--picture", "a.pdf"], "--picture: must end in .png or .svg, but got a.pdf"),
+        (["push", "--picture", "a.jpg"], "--picture: must end in .png, .svg or .pdf, but got a.jpg"),
         (["push", "--picture", "push.toml/a.png"], "--picture: must be writable"),
     ],
 )
@@ -189,7 +189,7 @@ def test_the_picture_is_written(tmp_path: Path) -> None:
     for name in ("a.png", "a.svg"):
         result = check("push-two-paths", "--picture", str(tmp_path / name))
         assert result.stdout.endswith(f"the picture is in {tmp_path / name}\n")
-    assert matplotlib.image.imread(tmp_path / "a.png").shape == (880, 2100, 4)
+    assert matplotlib.image.imread(tmp_path / "a.png").shape == (906, 2148, 4)
     assert ElementTree.parse(tmp_path / "a.svg").getroot().tag.endswith("svg")
 
 

@@ -50,9 +50,14 @@ def command(tmp_path, monkeypatch):
 
 
 def test_the_kind_of_picture_is_told_by_the_name_or_by_the_option(command, tmp_path):
-    for words in (["--out", "a.PNG"], ["--out", "deep/a.dat", "--format", "svg"]):
+    for words in (
+        ["--out", "a.PNG"],
+        ["--out", "deep/a.dat", "--format", "svg"],
+        ["--out", "a.pdf", "--format", "pdf"],
+    ):
         assert command("design.json", *words).stdout == f"the picture is in {words[1]}\n"
-    assert matplotlib.image.imread(tmp_path / "a.PNG", format="png").shape == (1360, 2100, 4)
+    assert matplotlib.image.imread(tmp_path / "a.PNG", format="png").shape == (1500, 2148, 4)
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
     assert ElementTree.parse(tmp_path / "deep/a.dat").getroot().tag.endswith("svg")
 
 
@@ -133,7 +138,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         ([".", "--out", "new.csv"], ".: is not a run folder"),
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (["design.json", "--out", "new.doc"], "new.doc: must end in .csv, .glb, .html, .mjcf, .npz"),
-        (["design.json", "--out", "new.png", "--format", "pdf"], "must be one of air, allocation"),
+        (["design.json", "--out", "new.png", "--format", "eps"], "must be one of air, allocation"),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: applies only to"),
         (["design.json", "--out", "."], "is a directory"),
         (["design.json", "--out", ".", "--format", "kit"], "or that of a kit, but . holds half.json"),

@@ -14,6 +14,7 @@ import tomllib
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib
 import pytest
 import toy_problem
 from commands import invoke
@@ -137,8 +138,12 @@ def run(tmp_path, monkeypatch, capsys):
 
 
 def test_the_recipe_draws_an_answer(run, tmp_path):
-    assert "a300" in run(*blocks("python", "how-to/recipes.md"))
-    assert "force_reserve_N" in (tmp_path / "plot.html").read_text()
+    interactive, paper = blocks("python", "how-to/recipes.md")
+    assert "a300" in run(interactive)
+    assert "force reserve" in (tmp_path / "plot.html").read_text()
+    with matplotlib.rc_context():
+        run(paper)
+    assert all((tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF") for name in ("candidates", "platform"))
 
 
 def test_the_python_code_runs_and_says_what_it_should(run):

@@ -213,7 +213,7 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch)
         (["--topologies", "1,2,3"], "must be one or two numbers, but got 3"),
         (["--task", "push:0"], "must be TASK:N,N,..., each N at most 200, but got push:0"),
         (["--task", "pusch:3"], "nor a shipped example; did you mean `push`"),
-        (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
+        (["--picture", "a.jpg"], "must end in .png, .svg or .pdf, but got a.jpg"),
     ],
 )
 def test_wrong_options_are_refused(tmp_path, options, words):

@@ -53,7 +53,7 @@ def test_torques_are_drawn_and_what_has_no_colour_is_left_out() -> None:
     torques = [float(np.linalg.norm(v)) for _, torque, _, v in found if torque]
     assert len(torques) == 5
     assert max(torques) <= 1
-    close = Drawing(Figure(), (0.0, 0.0, 1.0, 1.0), made, platform(made))
+    close = Drawing(Figure().add_subplot(projection="3d"), made, platform(made))
     close.load_cases()
     assert len(close.axes.collections) == 5 + 5 + 5  # arrows of forces and torques, rings
 
@@ -167,7 +167,7 @@ def test_overlapping_trees_are_laid_in_layers() -> None:
 def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
     angle = math.radians(angle_deg)
     sideways = design(Topology.from_key("a0"), end_effector_m=[math.cos(angle), math.sin(angle), 0.0])
-    scene = Drawing(Figure(), (0.0, 0.0, 1.0, 1.0), sideways, platform(sideways))
+    scene = Drawing(Figure().add_subplot(projection="3d"), sideways, platform(sideways))
     assert np.linalg.norm(scene.v) == pytest.approx(1)
     assert abs(scene.v @ sideways.end_effector_m) < 0.75
 

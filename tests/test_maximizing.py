@@ -108,7 +108,10 @@ def test_the_front_of_a_value_is_against_goals_and_effort(tmp_path):
     assert values == sorted(values, reverse=True) == frame["value"].tolist()
     assert frame["objective"].is_monotonic_decreasing
     assert answer.best.value == answer.design.value == values[0]
-    for goal, title in (("peak_input", "largest rotor input / u_max"), ("objective", "J [rad^4/s^4]")):
+    for goal, title in (
+        ("peak_input", "largest rotor input over u_max"),
+        ("objective", "control effort J [rad⁴/s⁴]"),
+    ):
         layout = plot_front(answer, goal).layout
         assert layout.yaxis.title.text == "largest force reserve [N]"
         assert layout.xaxis.title.text == title

@@ -58,6 +58,7 @@ from topo_search.model.stated import Stated, StatedCheck
 from topo_search.own_constraint import OwnConstraint, SymbolicPlatform
 from topo_search.report.cell import View
 from topo_search.report.charts import plot_candidates, plot_front, plot_history
+from topo_search.report.on_axes import draw
 from topo_search.report.progress import Lines
 from topo_search.report.task_warnings import SuspiciousTask, read_task
 from topo_search.study import Answer, LedgerLost, Observer, Row, SilentObserver, SizeAnswer, Solved, read_answer
@@ -70,7 +71,7 @@ __all__ = [
     "ResolvedTask", "Row", "Search", "SilentObserver", "SizeAnswer", "Solved", "Stated", "StatedCheck",
     "Status", "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology", "TopologySampler",
     "Tried", "View", "WorkersLost", "Wrench", "airflow", "audit", "capability", "check", "clearances",
-    "compare", "export_design", "figure", "fly", "kit", "plot_candidates", "plot_front", "plot_history",
+    "compare", "draw", "export_design", "figure", "fly", "kit", "plot_candidates", "plot_front", "plot_history",
     "plot_platform", "prove", "read_answer", "read_design", "read_json", "read_task", "register_format",
     "residuals", "search", "solve", "to_json", "to_toml", "view", "write_report",
 ]  # fmt: skip

@@ -19,7 +19,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
@@ -75,8 +74,7 @@ def main() -> None:
             "cpu_seconds": round(_cpu_seconds() - before),
         }
         write_atomically(RESULTS, json.dumps(dict(sorted(gallery.items())), indent=1) + "\n")
-        with mpl.rc_context({"font.size": 8}):
-            figure_of(design).savefig(PICTURES / f"gallery-{name}.png", dpi=DPI)
+        figure_of(design).savefig(PICTURES / f"gallery-{name}.png", dpi=DPI)
         if name == ANIMATED:
             write_atomically(PICTURES / "turning.webp", turning(design))
         print(name, gallery[name], flush=True)
@@ -103,7 +101,7 @@ def turning(design: Design) -> bytes:
 
 def _draw(design: Design, platform: Platform, azimuth: float) -> tuple[Figure, Drawing, float]:
     figure = Figure(figsize=(4.4, 4.4))
-    scene = Drawing(figure, (0.0, 0.0, 1.0, 1.0), design, platform, azimuth=azimuth)
+    scene = Drawing(figure.add_axes((0, 0, 1, 1), projection="3d"), design, platform, azimuth=azimuth)
     scene.exposure()
     scene.airflow()
     scene.platform()

@@ -76,7 +76,7 @@ def _tasks(texts: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
 @options.time_limit(
     "CPU time per topology after which no further start begins; scaling and ablation only (default: 600)."
 )
-@options.picture("Draw the results as a .png or .svg")
+@options.picture("Draw the results as a .png, .svg or .pdf")
 @options.as_json
 def experiment(
     name: str,
@@ -130,9 +130,13 @@ def experiment(
         number = f"{failed.sum()} of {len(rows)} cells"
         lines.append(f"{number} failed and are left out; run the command again to retry them")
     if picture is not None:
+        from matplotlib import style
+
+        from topo_search.export import PAPER
         from topo_search.export.picture import save
 
-        save(study.figure(answered), picture)
+        with style.context(PAPER):
+            save(study.figure(answered), picture)
         lines.append(f"the picture is in {picture}")
     summary = study.summary(answered)
     table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")

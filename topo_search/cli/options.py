@@ -228,8 +228,8 @@ def picture(text: str) -> Callable[..., Any]:
 
 def require_drawable(out: Path) -> None:
     """Raise BadInput if a picture could not be drawn, before any other work."""
-    if out.suffix.lower() not in (".png", ".svg"):
-        raise ts.BadInput("--picture", f"must end in .png or .svg, but got {out.name}")
+    if out.suffix.lower() not in (".png", ".svg", ".pdf"):
+        raise ts.BadInput("--picture", f"must end in .png, .svg or .pdf, but got {out.name}")
     require_writable(out, "--picture")
     with needs_extras("--picture"):
         import matplotlib  # noqa: F401 (optional, unlike pandas and numpy)

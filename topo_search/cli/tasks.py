@@ -48,7 +48,7 @@ def examples() -> None:
 @options.modules
 @options.set_field
 @options.paper
-@options.picture("Draw forces and exposure regions as a .png or .svg")
+@options.picture("Draw forces and exposure regions as a .png, .svg or .pdf")
 @options.as_json
 def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool, picture: Path | None) -> None:
     """Explain a task in words, and warn about suspicious values.

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from topo_search.experiments.study import AIRFLOW_ALONE, Settings, Study, Variant
-from topo_search.export import palette
+from topo_search.export import TWO_COLUMNS, palette
 from topo_search.model import Topology
 from topo_search.topologies import candidate_of
 
@@ -94,7 +94,7 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
     from matplotlib.figure import Figure
 
     table, problems = summary(rows, names), list(rows.groupby(PROBLEM))
-    figure = Figure(figsize=(8.0 + 1.6 * len(problems), 4.6), layout="constrained")
+    figure = Figure(figsize=(TWO_COLUMNS, 3.2), layout="constrained")
     effort, share = figure.subplots(1, 2, sharex=True)
     width = 0.8 / len(names)
     for number, name in enumerate(names):
@@ -110,8 +110,8 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
     share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
     for axes in (effort, share):
-        axes.legend(fontsize=8)
-        axes.set_xticks(range(len(problems)), labels, fontsize=7)
+        axes.legend()
+        axes.set_xticks(range(len(problems)), labels)
         axes.grid(axis="y", alpha=0.3)
         axes.set_xlabel("task")
     figure.suptitle(title)

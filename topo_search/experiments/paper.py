@@ -25,7 +25,7 @@ import numpy as np
 import pandas as pd
 
 from topo_search.experiments.study import AIRFLOW_ALONE, METHOD, Settings, Study, Variant
-from topo_search.export import palette
+from topo_search.export import TWO_COLUMNS, palette
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +77,7 @@ def scaling_figure(rows: pd.DataFrame) -> Figure:
     """Plot, like the paper, the distribution of times by size and exposure; below, the share with a design."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    figure = Figure(figsize=(TWO_COLUMNS, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     sizes, designs = sorted(rows["n"].unique()), _designs(rows)
     draw(upper, designs, "seconds", sizes)
@@ -85,8 +85,8 @@ def scaling_figure(rows: pd.DataFrame) -> Figure:
     for number, (name, series) in enumerate(_series(rows)):
         share = 100 * series["status"].eq("feasible").groupby(series["n"]).mean()
         lower.plot([sizes.index(n) for n in share.index], share.to_numpy(), label=name, **style(number))
-    upper.legend(handles=lower.get_lines(), fontsize=8)
-    lower.set(xlabel="modules $n$", ylabel="with a design [%]", ylim=(-5, 105))
+    upper.legend(handles=lower.get_lines())
+    lower.set(xlabel="number of modules $n$", ylabel="with a design [%]", ylim=(-5, 105))
     lower.grid(alpha=0.3)
     figure.suptitle("Ten wrenches, uniformly drawn topologies: boxes are quartiles, whiskers the whole range")
     return figure
@@ -120,7 +120,7 @@ def ablation_figure(rows: pd.DataFrame) -> Figure:
     from matplotlib.figure import Figure
 
     sizes, designs = sorted(rows["n"].unique()), _designs(rows)
-    figure = Figure(figsize=(11.0, 7.6), layout="constrained")
+    figure = Figure(figsize=(TWO_COLUMNS, 5.0), layout="constrained")
     (depth, deepest), (cluster, number) = figure.subplots(2, 2)
     draw(depth, _pairs(rows), "depth_percent", sizes)
     depth.set(title="Overlap of every colliding pair", ylabel="depth [% of the deepest possible]", ylim=(0, 105))
@@ -129,7 +129,7 @@ def ablation_figure(rows: pd.DataFrame) -> Figure:
     draw(cluster, designs, "largest_cluster", sizes)
     cluster.plot(range(len(sizes)), [n / 2 for n in sizes], "k--", linewidth=1, label="$n/2$")
     cluster.set(title="Largest cluster of overlapping envelopes", ylabel="modules [-]")
-    cluster.legend(fontsize=8)
+    cluster.legend()
     draw(number, designs, "colliding_pairs", sizes)
     number.set(title="Overlapping pairs of envelopes", ylabel="pairs [-]")
     boxes = "boxes are quartiles, whiskers the whole range"
@@ -178,7 +178,7 @@ def draw(axes: Axes, rows: pd.DataFrame, column: str, sizes: Sequence[int]) -> N
         values = [group.loc[group["n"] == n, column].dropna().to_numpy(float) for n in sizes]
         axes.boxplot(values, positions=positions, medianprops={"color": colour, "linewidth": 1.6}, **box)
     axes.set_xticks(range(len(sizes)), [str(n) for n in sizes])
-    axes.set_xlabel("modules $n$")
+    axes.set_xlabel("number of modules $n$")
     axes.grid(axis="y", alpha=0.3)
 
 

@@ -46,8 +46,8 @@ class Palette(NamedTuple):
     """Colours of candidates' statuses; the word always stands beside them."""
     SERIES: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
     """Lines and points of one chart; their markers differ too."""
-    CASES: tuple[str, ...] = ("#000000", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")
-    """Arrows of load cases; distinct from thrust axes and joints."""
+    CASES: tuple[str, ...] = ("#000000", "#cc79a7", "#56b4e9", "#e69f00", "#009e73")
+    """Arrows of load cases; distinct from thrust axes and joints, the first ones from the rod too."""
 
     CELL: str = "rgba(128, 128, 128, 0.12)"
     TIGHT: str = "#ffd166"
@@ -58,3 +58,7 @@ class Palette(NamedTuple):
 
 
 palette = Palette()
+PAPER = "topo_search.paper"
+"""Style of matplotlib for all figures: fonts, sizes and colours, in `topo_search/paper.mplstyle`."""
+TWO_COLUMNS = 7.16
+"""Width of a figure across two columns of a paper [in], as in `topo_search/two_columns.mplstyle`."""

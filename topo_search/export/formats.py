@@ -47,6 +47,7 @@ ANGLES = ("--angle-step",)
 BUILT_IN = (
     Format("png", "picture.png", (".png",), "a picture: platform, airflow, tree", takes=AIR, noun="picture"),
     Format("svg", "picture.svg", (".svg",), "the same as vectors", takes=AIR, noun="picture"),
+    Format("pdf", "picture.pdf", (), "the same for a paper, with --format pdf", takes=AIR, noun="picture"),
     Format("glb", "solids.glb", (".glb",), "a scene for viewers and Blender", takes=("--parts", *AIR)),
     Format("stl", "solids.stl", (".stl",), "solids in millimetres for CAD and printing", takes=("--parts",)),
     Format("mjcf", "mjcf.mjcf", (".mjcf", ".xml"), "a model for MuJoCo, a keyframe per load case", takes=PHYSICS),

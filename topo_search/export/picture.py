@@ -9,30 +9,32 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib import patheffects
+from matplotlib import patheffects, style
 from matplotlib.artist import Artist
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import palette, solids
+from topo_search.export import PAPER, TWO_COLUMNS, palette, solids
 from topo_search.export import poses as geometry
 from topo_search.export.air_field import AirSurface
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
-from topo_search.model.mesh import circle, cone_sphere_outline
+from topo_search.model.mesh import circle, cone_sphere, cone_sphere_outline
 from topo_search.model.proven import gap_percent
 from verify.kinematics import Platform
+
+Kind = Literal["png", "svg", "pdf"]
 
 
 def draw(design: Design, path: str | Path) -> None:
@@ -40,28 +42,27 @@ def draw(design: Design, path: str | Path) -> None:
 
     Args:
         design: any design, audited or not.
-        path: the file, which ends in `.png` or `.svg`; its folder is created if necessary.
+        path: the file, which ends in `.png`, `.svg` or `.pdf`; its folder is created if necessary.
 
     Raises:
         ValueError: the file has another suffix.
         BadInput: the end-effector is too far away to be drawn to scale.
     """
-    with mpl.rc_context({"font.size": 8}):
-        save(figure_of(design), path)
+    save(figure_of(design), path)
 
 
-def picture(design: Design, kind: Literal["png", "svg"], air: AirSurface | None = None) -> bytes:
+def picture(design: Design, kind: Kind, air: AirSurface | None = None) -> bytes:
     """Return a picture of a design as the content of a file; `air` replaces the envelopes.
 
     Raises:
         BadInput: the end-effector is too far away to be drawn to scale.
     """
-    with mpl.rc_context({"font.size": 8}):
-        return content(figure_of(design, air), kind)
+    return content(figure_of(design, air), kind)
 
 
 png = partial(picture, kind="png")
 svg = partial(picture, kind="svg")
+pdf = partial(picture, kind="pdf")
 
 
 @dataclass(frozen=True)
@@ -74,11 +75,13 @@ class Picture:
         return picture(self.design, "png")
 
 
+@style.context(PAPER)
 def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
-    """Return the picture as a matplotlib figure; `air` replaces the envelopes."""
-    figure = Figure(figsize=(10.5, 6.8))
+    """Return the picture as a matplotlib figure across two columns; `air` replaces the envelopes."""
+    figure = Figure(figsize=(TWO_COLUMNS, 5.0))
+    figure.set_layout_engine("none")  # all parts have their place
     poses = geometry.poses_to_draw(design)
-    whole = Drawing(figure, (0.0, 0.10, 0.58, 0.82), design, poses)
+    whole = Drawing(figure.add_axes((0.0, 0.16, 0.5, 0.76), projection="3d"), design, poses)
     whole.exposure()
     if air is None:
         whole.airflow()
@@ -86,21 +89,21 @@ def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
         whole.air(air)
     whole.platform()
     whole.finish()
-    close_up = Drawing(figure, (0.57, 0.47, 0.42, 0.45), design, poses)
+    close_up = Drawing(figure.add_axes((0.51, 0.50, 0.48, 0.42), projection="3d"), design, poses)
     close_up.platform()
     close_up.load_cases()
     close_up.finish()
     close_up.number_modules()
-    draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
+    draw_tree(figure.add_axes((0.58, 0.16, 0.35, 0.28)), design)
     key = design.topology.key
     for x, y, text in (
-        (0.29, 0.915, "airflow" if air is None else air.words),
-        (0.79, 0.915, "platform and load cases"),
-        (0.79, 0.43, f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."),
+        (0.25, 0.93, "airflow" if air is None else air.words),
+        (0.75, 0.93, "platform and load cases"),
+        (0.75, 0.455, f"topology {key}" if len(key) <= 44 else f"topology {key[:40]}..."),
     ):
-        figure.text(x, y, text, fontsize=9, ha="center")
-    figure.suptitle(title(design), y=0.98, fontsize=11)
-    figure.legend(handles=_legend(design, air), loc="lower center", ncols=5, frameon=False, fontsize=9)
+        figure.text(x, y, text, ha="center")
+    figure.suptitle(title(design), y=0.99)
+    figure.legend(handles=_legend(design, air), loc="lower center", ncols=4)
     return figure
 
 
@@ -133,7 +136,7 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
         volume(palette.AIRFLOW, 0.3, "airflow envelope") if air is None else volume(palette.AIR, 0.3, "air"),
         dot(palette.END_EFFECTOR, "end-effector"),
         dot(palette.CENTRE_OF_MASS, "centre of mass"),
-        Line2D([], [], color=palette.OFFSET, linewidth=2.5, label="$p_E$"),
+        Line2D([], [], color=palette.END_EFFECTOR, linewidth=2.5, label="rod and its mount"),
     ]
     entries += [
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
@@ -146,19 +149,19 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure to a `.png` or `.svg` file; ValueError for another suffix."""
+    """Write a figure to a `.png`, `.svg` or `.pdf` file; ValueError for another suffix."""
     path = Path(path)
     kind = path.suffix.removeprefix(".").lower()
-    if kind not in ("png", "svg"):
-        raise ValueError(f"the picture's name must end in .png or .svg, but got {path.name}")
+    if kind not in get_args(Kind):
+        raise ValueError(f"the picture's name must end in .png, .svg or .pdf, but got {path.name}")
     write_atomically(path, content(figure, kind))
 
 
 def content(figure: Figure, kind: str) -> bytes:
-    """Return a figure as the content of a `png` or `svg` file."""
-    stream = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "topo-search"}):
-        figure.savefig(stream, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
+    """Return a figure as the content of a file; no date in it, so that the same figure is the same file."""
+    stream, dated = io.BytesIO(), {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    with style.context(PAPER):
+        figure.savefig(stream, format=kind, metadata=dated.get(kind))
     return stream.getvalue()
 
 
@@ -169,26 +172,10 @@ ARROW_SHARE = 0.5
 
 
 class Drawing:
-    """One drawing of a design in part of a figure; its limits enclose everything drawn."""
+    """One drawing of a design on 3-D axes, which it fills; its limits enclose everything drawn."""
 
-    def __init__(
-        self,
-        figure: Figure,
-        part: tuple[float, float, float, float],
-        design: Design,
-        poses: Platform,
-        *,
-        azimuth: float | None = None,
-    ) -> None:
-        """Add axes to a figure, seen from an azimuth [deg]; by default from the clearest side."""
-        left, bottom, width, height = part
-        inches_wide, inches_high = figure.get_size_inches()
-        self.size = np.array([width * inches_wide, height * inches_high])
-        """Size of the part [in]."""
-        side = self.size.max()  # matplotlib clips at the edges of the axes, so they are a square around the part
-        wide, high = side / inches_wide, side / inches_high
-        square = (left + (width - wide) / 2, bottom + (height - high) / 2, wide, high)
-        axes: Axes3D = figure.add_axes(square, projection="3d")
+    def __init__(self, axes: Axes3D, design: Design, poses: Platform, *, azimuth: float | None = None) -> None:
+        """Look at the platform from an azimuth [deg]; by default from the clearest side."""
         self.axes = axes
         self.design = design
         self.poses = poses
@@ -230,22 +217,30 @@ class Drawing:
                     self._lines([tip + line for line in lines], palette.EXPOSURE, width)
 
     def platform(self) -> None:
-        """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
+        """Draw modules, joints and thrust axes, the rod on its mount, the end-effector and the centre of mass."""
         module, poses = self.design.task.module, self.poses
         for h, a, i, _ in self.design.topology.bolts:
             joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
         frame, rotors = solids.frame(module), solids.join(solids.rotor_discs(module, sides=12))
         triangles = np.concatenate([frame.triangles, rotors.triangles])
-        faces = np.concatenate([triangles @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)])
-        tints = [to_rgb(palette.MODULE)] * len(frame.faces) + [to_rgb(palette.ROTOR)] * len(rotors.faces)
-        self._solid(faces, np.tile(tints, (len(poses.p), 1)))
-        axes, style = 1.6 * module.arm_length * poses.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
-        self.axes.quiver(*poses.p.T, *axes.T, color=palette.THRUST_AXIS, **style)
+        faces = [triangles @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)]
+        tints = [palette.MODULE] * len(frame.faces) + [palette.ROTOR] * len(rotors.faces)
+        tints *= len(poses.p)
+        rod = geometry.rod_of(self.design, poses)
+        if rod is not None and self.design.mount is not None:
+            hub = poses.p[self.design.mount.module]
+            for start, end, radius in ((hub, rod.start, 2 * rod.radius), (rod.start, rod.end, rod.radius)):
+                tube = cone_sphere(start, radius, end, radius, sides=12).triangles
+                faces.append(tube)
+                tints += [palette.END_EFFECTOR] * len(tube)
+        self._solid(np.concatenate(faces), np.array(list(map(to_rgb, tints))))
+        axes, look = 1.6 * module.arm_length * poses.z, {"linewidth": 1.2, "arrow_length_ratio": 0.3, "zorder": 7}
+        self.axes.quiver(*poses.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
         self._extend_limits([poses.p + axes])
-        self._lines([np.stack([poses.p_com, poses.end_effector])], palette.OFFSET, 2.5)
         for point, colour in ((poses.p_com, palette.CENTRE_OF_MASS), (poses.end_effector, palette.END_EFFECTOR)):
-            self.axes.plot(*point[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
+            self.axes.plot(*point[:, None], "o", color=colour, markeredgecolor="black", markersize=5, zorder=8)
+            self._extend_limits([point])
 
     def load_cases(self) -> None:
         """Draw forces as arrows, and torques as dashed arrows through a ring, in the colour of their load case."""
@@ -254,35 +249,52 @@ class Drawing:
         reach = float(extent.max()) + 2 * module.arm_length
         for k, is_torque, point, share in wrenches(self.design, self.poses):
             arrow, colour = ARROW_SHARE * reach * share, palette.CASES[k]
-            style = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
-            self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **style)
+            look = {"linewidth": 1.5, "linestyle": "dashed" if is_torque else "solid"}
+            self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
             self._extend_limits([point + arrow])
             if is_torque:
                 ring = circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
-        """Set equal scales on all axes, as large as fits, and return the zoom."""
+        """Set equal scales on all axes, as large as fits with the labels, and return the zoom."""
         points = np.concatenate(self._points)
         low, high = points.min(axis=0), points.max(axis=0)
-        half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
+        half = np.maximum(high - low, 0.4 * (high - low).max()) / 2
         middle = (low + high) / 2
         limits = np.stack([middle - half, middle + half], axis=1)
         self.axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
-        self.axes.set_box_aspect(tuple(half))
-        corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
-        labels = np.array([1.3, 0.8])  # width and height of the axes' labels [in]
-        zoom = (self.size - labels) * 72 / np.ptp(self._on_paper(corners), axis=0)
-        self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
         for name, share in zip("xyz", half / half.max(), strict=True):
             axis = getattr(self.axes, f"{name}axis")
             axis.set_major_locator(MaxNLocator(round(3 * share) + 2, steps=[1, 2, 5, 10], prune="both"))
             axis.set_label_text(f"${name}$ [m]")
-            axis.set_tick_params(pad=5 if name == "z" else 2)
-            axis.labelpad = 10 if name == "z" else 6
+            axis.set_tick_params(pad=0 if name == "z" else -2)
+            axis.labelpad = -1 if name == "z" else -4
             axis.set_pane_color((1, 1, 1, 0))
-            axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
-        return float(zoom.min())
+            axis._axinfo["grid"].update(color="0.8", linewidth=0.4)
+        return self._fill(half)
+
+    def _fill(self, half: Array) -> float:
+        """Zoom and move the axes so that they fill their place in the figure with their labels; return the zoom."""
+        axes, zoom = self.axes, 1.0
+        place, inches = axes.get_position(original=True), np.array(axes.figure.get_size_inches())
+        size = 0.98 * inches * place.size
+        for _ in range(4):  # labels keep their size, and depend on the place of the box
+            axes.set_box_aspect(tuple(half), zoom=zoom)
+            axes.figure.draw_without_rendering()  # places the labels
+            corners = self._on_paper(np.array(list(itertools.product(*self._limits())))) / 72
+            labels = Bbox.union([axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)])
+            everything = np.vstack([corners, labels.get_points() / axes.figure.dpi])
+            zoom *= float((size / np.ptp(everything, axis=0)).min())
+        middle = (everything.min(axis=0) + everything.max(axis=0)) / 2 / inches
+        axes.set_position(place.translated(*((place.p0 + place.p1) / 2 - middle)))
+        axes.apply_aspect()
+        for artist in axes.get_children():
+            artist.set_clip_on(False)  # by the square around the axes' middle
+        return zoom
+
+    def _limits(self) -> list[tuple[float, float]]:
+        return [self.axes.get_xlim(), self.axes.get_ylim(), self.axes.get_zlim()]
 
     def number_modules(self) -> None:
         """Write every module's number beside it, clear of thrust axes, marks and other numbers.
@@ -296,8 +308,8 @@ class Drawing:
         halo = [patheffects.withStroke(linewidth=1.8, foreground="white")]  # readable on any background
         line = {"arrowstyle": "-", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "path_effects": halo}
         wide_halo = [patheffects.withStroke(linewidth=2.5, foreground="white")]
-        style: dict[str, Any] = {"textcoords": "offset points", "fontsize": size, "ha": "center", "va": "center"}
-        style |= {"path_effects": wide_halo, "arrowprops": line, "zorder": 9}
+        look: dict[str, Any] = {"textcoords": "offset points", "fontsize": size, "ha": "center", "va": "center"}
+        look |= {"path_effects": wide_halo, "arrowprops": line, "zorder": 9}
         occupied = list(self._on_paper(np.concatenate([(self.poses.p + along).reshape(-1, 3), marks])))
         for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
             offset = next(
@@ -305,7 +317,7 @@ class Drawing:
                 size * LABEL_OFFSETS[-1],
             )
             occupied.append(on_paper + offset)
-            self.axes.annotate(str(i), on_axes, xytext=tuple(offset), **style)
+            self.axes.annotate(str(i), on_axes, xytext=tuple(offset), **look)
 
     def _project(self, points: Array) -> Array:
         x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())

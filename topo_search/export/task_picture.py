@@ -10,15 +10,15 @@ design, towards or away from its centre of mass, are drawn as if the centre of m
 
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
+from matplotlib import style
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
-from topo_search.export import palette
+from topo_search.export import PAPER, TWO_COLUMNS, palette
 from topo_search.export.poses import shapes
 from topo_search.model import Array, ResolvedTask, needs_offset
 from topo_search.model.mesh import circle, cone_sphere_outline
@@ -30,21 +30,21 @@ UP = np.array([0.0, 0.0, 1.0])
 """Assumed direction from the centre of mass to the end-effector if it depends on the design."""
 
 
+@style.context(PAPER)
 def task_figure(task: ResolvedTask) -> Figure:
-    """Return the picture of a task as a matplotlib figure."""
-    with mpl.rc_context({"font.size": 8}):
-        figure = Figure(figsize=(10.5, 4.4), layout="constrained")
-        # the views enclose all bounded regions and most of a module's airflow [m]
-        size = max([0.6 * task.module.reach, *(shape.reach for _, shape in shapes(task, _end_effector(task)))])
-        for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
-            _draw(axes, task, (right, up), size)
-            axes.set_title(name, fontsize=9)
-        assumption = " (centre of mass assumed straight below)"
-        undecided = task.end_effector.position == "free" and any(
-            needs_offset(exposure) for exposure in task.exposure
-        )
-        figure.suptitle(f"{task.name}: requirements at the end-effector{assumption if undecided else ''}")
-        figure.legend(handles=_legend(task), loc="outside lower center", ncols=5, handlelength=3, frameon=False)
+    """Return the picture of a task as a matplotlib figure across two columns."""
+    entries = _legend(task)
+    rows = -(-len(entries) // 3)
+    figure = Figure(figsize=(TWO_COLUMNS, 2.7 + 0.16 * rows))
+    # the views enclose all bounded regions and most of a module's airflow [m]
+    size = max([0.6 * task.module.reach, *(shape.reach for _, shape in shapes(task, _end_effector(task)))])
+    for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
+        _draw(axes, task, (right, up), size)
+        axes.set_title(name)
+    assumption = " (centre of mass assumed straight below)"
+    undecided = task.end_effector.position == "free" and any(needs_offset(exposure) for exposure in task.exposure)
+    figure.suptitle(f"{task.name}: requirements at the end-effector{assumption if undecided else ''}")
+    figure.legend(handles=entries, loc="outside lower center", ncols=3, handlelength=3)
     return figure
 
 
@@ -70,7 +70,7 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
     axes.set(xlim=(-1.1 * size, 1.1 * size), ylim=(-1.1 * size, 1.1 * size), aspect="equal")
     axes.set_xlabel(f"${'xyz'[right]}$ [m]")
     axes.set_ylabel(f"${'xyz'[up]}$ [m]")
-    axes.grid(color="0.9", linewidth=0.5)
+    axes.grid()
     axes.set_axisbelow(True)
 
 
@@ -87,8 +87,8 @@ def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, 
             axes.plot(*ring[:, in_view].T, color=colour, linewidth=1.2)
         tip = arrow[in_view]
         if np.hypot(*tip) > 0.02 * size:
-            style: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
-            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **style))
+            look: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
+            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **look))
             axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
 
 
@@ -130,6 +130,6 @@ def _legend(task: ResolvedTask) -> list[Artist]:
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
             label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"
-            style: Any = "dashed" if name == "torque" else "solid"
-            entries.append(Line2D([], [], color=_colour(k), marker=">", linestyle=style, label=label))
+            dash: Any = "dashed" if name == "torque" else "solid"
+            entries.append(Line2D([], [], color=_colour(k), marker=">", linestyle=dash, label=label))
     return entries

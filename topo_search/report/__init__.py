@@ -17,6 +17,13 @@ PLOTLY_LAYOUT: dict[str, Any] = {
     "margin": {"l": 60, "r": 20, "t": 36, "b": 50},
 }
 """Layout shared by all figures."""
+ON_ANY_PAGE: dict[str, Any] = {
+    "template": "plotly_white",
+    "font": {**PLOTLY_LAYOUT["font"], "color": "#767676"},
+    "paper_bgcolor": "rgba(0,0,0,0)",
+    "plot_bgcolor": "rgba(0,0,0,0)",
+}
+"""Layout of figures in notebooks, which do not say whether they are dark: legible on both, without a background."""
 
 
 class Table(NamedTuple):

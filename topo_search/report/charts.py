@@ -17,7 +17,7 @@ from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.exposure import solid_name
 from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
-from topo_search.report import PLOTLY_LAYOUT, Figure
+from topo_search.report import ON_ANY_PAGE, PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
@@ -183,7 +183,7 @@ def progress(solves: Sequence[SolveEvent], objective: Objective, bound: float) -
         if count[-1]:
             counted = line(number[sampled].tolist(), count[sampled].tolist(), status, colour, 2, dash=dash)
             traces.append({**counted, "yaxis": "y2"})
-    layout = axes("solves", "J over bound" if is_effort else objective.column, legend=-0.2)
+    layout = axes("solves", "J over lower bound" if is_effort else objective.column, legend=-0.2)
     layout["xaxis"]["anchor"] = "y2"
     layout["yaxis"]["domain"] = [0.42, 1.0]
     layout["yaxis2"] = {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"}
@@ -211,7 +211,7 @@ def _thin(indices: Any) -> Any:
 AXES = {
     "clearance": ("clearance", "smallest clearance [mm]", 1e3),
     "stand_off": ("stand-off", "smallest distance of the end-effector from a module's centre [cm]", 1e2),
-    "peak_input": ("peak input", "largest rotor input / u_max", 1.0),
+    "peak_input": ("peak input", "largest rotor input over u_max", 1.0),
     "force_reserve": ("force reserve", "force reserve at the end-effector in any direction [N]", 1.0),
     "torque_reserve": ("torque reserve", "torque reserve in any direction [N m]", 1.0),
     "rotor_out": ("failures", "any one rotor failure survived in", 1.0),
@@ -219,8 +219,38 @@ AXES = {
     "hinge_angle_deg": ("hinge error", "tolerated error of every hinge angle [deg]", 1.0),
     "speed": ("air speed", "air speed in the regions, proven bound [m/s]", 1.0),
     "modules": ("modules", "modules", 1.0),
-    "objective": ("control effort", LEAST_EFFORT.column, 1.0),
+    "objective": ("control effort", "control effort J [rad⁴/s⁴]", 1.0),
 }
+TITLES = {
+    "modules": "modules",
+    "orbit": "symmetric copies",
+    "objective": "control effort J [rad⁴/s⁴]",
+    "lower_bound": "lower bound of J [rad⁴/s⁴]",
+    "gap": "gap, 1 - bound / J",
+    "violation": "violation of the worst constraint [its unit]",
+    "starts": "starts",
+    "starts_feasible": "feasible starts",
+    "seconds": "time of all solves [s]",
+    "starts_at_best": "hits",
+    "force_reserve_N": "force reserve at the tip, any direction [N]",
+    "torque_reserve_Nm": "torque reserve, any axis [N m]",
+    "rotors_out_hover": "rotors that may fail in hover, one at a time",
+    "load_factor": "load until a rotor saturates [load cases]",
+    "joint_moment_Nm": "largest moment in a joint [N m]",
+    "hinge_tolerance_deg": "tolerated error of every hinge angle [deg]",
+    "rod_length_m": "length of the rod [m]",
+    "power_W": "shaft power in hover [W]",
+    "air_tip_m_s": "air speed at the tip, at most [m/s]",
+    "air_region_m_s": "air speed in the regions, at most [m/s]",
+    "force_reserve_com_N": "force reserve at the centre of mass, any direction [N]",
+    "tilt_deg": "tilt in hover [deg]",
+    "proven_bound": "bound proven by branch and bound",
+    "proven_gap": "gap proven by branch and bound",
+    "value": "maximised value",
+    "value_bound": "upper bound of the maximised value",
+    "reach": "value asked for",
+}
+"""Titles of the numeric columns of `candidates.csv` as axes."""
 
 
 def front_chart(points: Sequence[FrontPoint], name: str, objective: Objective = LEAST_EFFORT) -> Figure:
@@ -236,7 +266,7 @@ def front_chart(points: Sequence[FrontPoint], name: str, objective: Objective = 
 
     best, dotted = f"{objective.least} for this or better", {"dash": "dot", "shape": "vh"}
     texts = ["<br>".join(_describe(point)) for point in points]
-    layout = axes(title, "J over lowest J of the front" if is_effort else objective.column, legend=-0.25)
+    layout = axes(title, "J over least J of the front" if is_effort else objective.column, legend=-0.25)
     layout["xaxis"]["dtick"] = 1 if name == "modules" else None
     traces = [
         {**line(*coordinates(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},
@@ -322,7 +352,7 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
     Example:
         >>> from topo_search import plot_candidates, read_answer
         >>> plot_candidates(read_answer("hover-2"), x="rod_length_m").layout.xaxis.title.text
-        'rod_length_m'
+        'length of the rod [m]'
     """
     candidates = _of_level(answer, answer.candidates)
     numbers = list(candidates.select_dtypes("number").columns)
@@ -333,16 +363,16 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
         rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
         symbols = np.where(rows["audit"] == "clear", "circle", "x")
         texts = rows["key"] + ", audit " + rows["audit"].fillna("none")
-        name, tooltip = f"{size.modules} modules", f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}"
+        name, tooltip = f"{size.modules} modules", f"%{{text}}<br>{TITLES[x]}: %{{x}}<br>{TITLES[y]}: %{{y}}"
         traces.append(markers(rows[x], rows[y], name, colour, texts, tooltip, size=9, symbol=symbols))
-    titles = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    titles = {"xaxis": {"title": {"text": TITLES[x]}}, "yaxis": {"title": {"text": TITLES[y]}}}
     return _plotly_figure({"data": traces, "layout": {**titles, "showlegend": True}})
 
 
 def _plotly_figure(figure: Figure) -> go.Figure:
     import plotly.graph_objects as go  # slow to import, and not needed for pages
 
-    return go.Figure(figure["data"], {"template": "plotly_white", **PLOTLY_LAYOUT, **figure["layout"]})
+    return go.Figure(figure["data"], {**PLOTLY_LAYOUT, **ON_ANY_PAGE, **figure["layout"]})
 
 
 def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:

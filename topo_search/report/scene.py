@@ -16,6 +16,7 @@ from topo_search.export.solids import cylinder, join
 from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Audit, Clearance, Design, Module, Status
 from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
+from topo_search.report import ON_ANY_PAGE
 from topo_search.report.wording import clearance
 from verify.kinematics import Platform
 
@@ -124,6 +125,7 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
     axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     axes = {f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"}
     drawn.update_layout(
+        ON_ANY_PAGE,
         scene={"aspectmode": "data", "camera": {"eye": eye}, **axes},
         margin={"l": 0, "r": 0, "t": 0, "b": 0},
         legend={"orientation": "h", "yanchor": "top", "y": 0.0, "itemsizing": "constant"},
@@ -232,9 +234,9 @@ def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:
 
 
 def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) -> Iterator[Part]:
-    """Yield the rod, the end-effector, the centre of mass and the line between, shown from the last step."""
+    """Yield the rod, or a line from the centre of mass without one, and both points, shown from the last step."""
     module, tip, last = design.task.module, poses.end_effector, (design.topology.n,)
-    mount = None if assembly is None else assembly.mount
+    mount = design.mount if assembly is None else assembly.mount
     if mount is not None:
         i, port = mount.module, mount.port
         foot = poses.p[i] + module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[port]
@@ -244,8 +246,9 @@ def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) ->
     r = 0.12 * module.arm_length
     yield Part("tip", "end-effector", palette.END_EFFECTOR, ball(tip, r), steps=last)
     yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(poses.p_com, r), steps=last)
-    line = tube(poses.p_com, tip, 0.2 * r)
-    yield Part("offset", "centre of mass to tip", palette.OFFSET, line, steps=last)
+    if mount is None:
+        line = tube(poses.p_com, tip, 0.2 * r)
+        yield Part("offset", "centre of mass to tip", palette.OFFSET, line, steps=last)
 
 
 def triangles_of(mesh: Mesh) -> dict[str, list[float]]:

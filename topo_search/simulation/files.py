@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from topo_search.export import palette
+from topo_search.export import PAPER, TWO_COLUMNS, palette
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
 from topo_search.model.value import BadInput, Fault
-from topo_search.simulation.result import FlightResult, word
+from topo_search.simulation.result import FlightResult, ScenarioResult, word
 from verify.kinematics import platform
 
 if TYPE_CHECKING:  # MuJoCo loads a graphics library, which may be missing
@@ -58,30 +58,33 @@ def time_series(flown: Sequence[FlownScenario]) -> str:
 
 def plot(flown: Sequence[FlownScenario], result: FlightResult) -> bytes:
     """Return a PNG picture of the flights, one row each with position error, tilt and largest thrust."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib import style
+
+    with style.context(PAPER):
+        return _plot(flown, {scenario.name: scenario for scenario in result.scenarios})
+
+
+def _plot(flown: Sequence[FlownScenario], results: dict[str, ScenarioResult]) -> bytes:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 1.9 * len(flown) + 0.6), layout="constrained")
-    figure.suptitle("flight in simulation; grey: not judged; dashed: limit", fontsize=9)
-    FigureCanvasAgg(figure)
+    figure = Figure(figsize=(TWO_COLUMNS, 1.3 * len(flown) + 0.4))
+    figure.suptitle("flight in simulation; grey: not judged; dashed: limit")
     axes = figure.subplots(len(flown), 3, squeeze=False, sharex="row")
-    results = {scenario.name: scenario for scenario in result.scenarios}
     for row, (scenario, track) in zip(axes, flown, strict=True):
         e = 100 * np.linalg.norm(track.error, axis=1)
         curves = (e, np.array(track.tilt), np.array([share.max() for share in track.shares]))
         limits = (100 * scenario.largest_drift, scenario.largest_tilt, 1.0)
-        names = ("error [cm]", "tilt [deg]", "largest thrust / limit")
+        names = ("position\nerror [cm]", "tilt [deg]", "largest thrust\nover limit")
         for axis, curve, limit, name in zip(row, curves, limits, names, strict=True):
-            axis.plot(track.time, curve, color=palette.MODULE, linewidth=1)
+            axis.plot(track.time, curve, color=palette.MODULE, linewidth=0.8)
             axis.axhline(limit, color=palette.END_EFFECTOR, linewidth=0.8, linestyle="--")
             axis.axvspan(0, scenario.judged_from, color="0.93")
-            axis.set_ylabel(name, fontsize=8)
+            axis.set_ylabel(name)
             axis.set_ylim(0, 1.05 * max(limit, float(curve.max())))
-            axis.tick_params(labelsize=8)
-        row[0].set_title(f"{scenario.name}: {word(results[scenario.name])}", fontsize=9, loc="left")
-        row[1].set_xlabel("time [s]", fontsize=8)
+        row[0].set_title(f"{scenario.name}: {word(results[scenario.name])}", loc="left")
+        row[1].set_xlabel("time [s]")
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=110, metadata={"Software": None})
+    figure.savefig(content, format="png", dpi=150, metadata={"Software": None})
     return content.getvalue()
 
 
