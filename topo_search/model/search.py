@@ -9,21 +9,10 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
-from topo_search.model.kinds import (
-    OMIT_EMPTY,
-    Angle,
-    Index,
-    NonEmpty,
-    NonNegative,
-    Omitted,
-    OneOf,
-    Positive,
-    Vector,
-    at_most,
-)
+from topo_search.model import kinds
 from topo_search.model.value import Broken, Value, show
 
-BodyClearance = Annotated[Positive | Literal[False], OneOf("must be a length or false")]
+BodyClearance = Annotated[kinds.Positive | Literal[False], kinds.OneOf("must be a length or false")]
 
 MIN_STEP_DEG = LIMITS.angle_steps[0]
 """Smallest difference of two hinge angles of a set, and smallest step [deg]: the precision of brackets."""
@@ -36,7 +25,9 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(angle + 0.0 for angle in angles)  # -0.0 becomes 0.0
 
 
-Angles = Annotated[tuple[Angle, ...], at_most(LIMITS.hinge_angles), NonEmpty, AfterValidator(_check_apart)]
+Angles = Annotated[
+    tuple[kinds.Angle, ...], kinds.at_most(LIMITS.hinge_angles), kinds.NonEmpty, AfterValidator(_check_apart)
+]
 
 
 Maximized = Literal["force_reserve", "torque_reserve", "load", "payload"]
@@ -47,44 +38,44 @@ class Search(Value):
 
     root: Literal["free", "paper"] = "free"
     """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
-    root_orientation_deg: Omitted[Vector] = None
+    root_orientation_deg: kinds.Omitted[kinds.Vector] = None
     """The root's psi, alpha_0 and alpha_1, R = Rz(psi) Rx(alpha_0) Ry(alpha_1) [deg]; default: found by the
     search."""
     connectors: Literal["aligned", "any"] = "aligned"
     """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
-    lattice: Omitted[Literal["flat"]] = None
+    lattice: kinds.Omitted[Literal["flat"]] = None
     """`flat`: all hinges are 0 and all neighbours on a square grid are bolted together, cycles included; default:
     trees."""
-    closures: Omitted[Index] = None
+    closures: kinds.Omitted[kinds.Index] = None
     """Number of joints of a lattice beyond those of a tree. Set in designs, not in tasks."""
     # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; a margin of 1.1e-8 m would have made
     # all of them clear (tests/benchmarks/smooth_error.py). The default is much larger: it costs 0.013 % of the
     # effort where measured, and leaves room for larger modules and for checks less exact than the audit.
-    margin: NonNegative = 1.0e-4
+    margin: kinds.NonNegative = 1.0e-4
     """Clearance that the solver adds to every geometric requirement [m]."""
     interference: Literal["airflow", "parts", "separation"] = "airflow"
     """`airflow`: envelopes of two modules must not overlap; `parts`: they may merge, but rotors, hubs and arms stay
     out of other modules' envelopes; `separation`: the paper's ablation, a minimum distance of module centres."""
-    separation: Positive | None = None
+    separation: kinds.Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
-    peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
+    peak_input: Annotated[kinds.Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
     """Largest squared speed of a rotor in a load case, as a share of u_max."""
     body_clearance: BodyClearance | None = None
     """Minimum distance of centres of modules not bolted together [m]; default: 2 (arm_length + rotor_radius); or
     false."""
-    centre_margin: Omitted[NonNegative] = None
+    centre_margin: kinds.Omitted[kinds.NonNegative] = None
     """Margin of these centres [m] beyond what errors within [tolerances] take, at most `margin` in all; default: as
     much as `margin`. A run that raises `margin` for tolerances sets it."""
-    hinge_step_deg: Omitted[Annotated[float, Field(strict=True, ge=MIN_STEP_DEG, le=90)]] = None
+    hinge_step_deg: kinds.Omitted[Annotated[float, Field(strict=True, ge=MIN_STEP_DEG, le=90)]] = None
     """Hinge angles are multiples of this step within +-90 deg [deg]; default: any angle."""
-    hinge_angles_deg: Omitted[Angles] = None
+    hinge_angles_deg: kinds.Omitted[Angles] = None
     """Hinge angles are these values of either sign [deg]; an alternative to a step."""
-    maximize: Omitted[Maximized] = None
+    maximize: kinds.Omitted[Maximized] = None
     """The best platform has the largest value of this quantity, not the least effort: `force_reserve`,
     `torque_reserve`, `load`: a factor of all wrenches at the end-effector, or `payload`: a mass carried there."""
-    reached: Omitted[NonNegative] = None
+    reached: kinds.Omitted[kinds.NonNegative] = None
     """Value of that quantity [N, N m, 1, kg]. Set in designs, not in tasks."""
-    towards: Annotated[tuple[Vector, ...], OMIT_EMPTY] = ()
+    towards: Annotated[tuple[kinds.Vector, ...], kinds.OMIT_EMPTY] = ()
     """Directions in which the solver asks for a maximised reserve: it adds those in which designs are weakest."""
 
     @property

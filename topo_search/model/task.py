@@ -27,34 +27,14 @@ from pydantic import (
 )
 
 from topo_search.limits import LIMITS
+from topo_search.model import features, room
 from topo_search.model.end_effector import CountedRod, EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
-from topo_search.model.features import (
-    GOALS,
-    TASK_RULES,
-    AskedFlight,
-    Goals,
-    Level,
-    Tolerances,
-    joint_mass,
-    task_html,
-    with_defaults,
-)
 from topo_search.model.folds import Folds, intersect
 from topo_search.model.kinds import Count, Index, NonEmpty, OneOf, Positive, Vector, at_most, omit_if
 from topo_search.model.load_case import LoadCase, broken_rules, labels, objects, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
-from topo_search.model.room import (
-    LARGE,
-    Balls,
-    airflow_folds,
-    body_radius,
-    clear_folds,
-    packed_width,
-    part_cover,
-    whole_cover,
-)
 from topo_search.model.search import Search
 from topo_search.model.shape import unit
 from topo_search.model.value import Broken, Value, every_field, show
@@ -105,11 +85,11 @@ class Task(Value):
     """Regions that airflow must stay out of, or inside."""
     search: Search = Search()
     """Options of the search."""
-    flight: AskedFlight = AskedFlight()
+    flight: features.AskedFlight = features.AskedFlight()
     """Required capabilities beyond the load cases."""
-    tolerances: Tolerances = Tolerances()
+    tolerances: features.Tolerances = features.Tolerances()
     """Build errors to survive, unless `flight.tolerances = false`."""
-    goals: Annotated[Goals, omit_if(Goals())] = Goals()
+    goals: Annotated[features.Goals, omit_if(features.Goals())] = features.Goals()
     """Goals besides control effort; omitted from files if empty."""
 
     @field_validator("module")
@@ -118,7 +98,7 @@ class Task(Value):
         """Fill in `joint_mass` of a new task, and `max_thrust_to_weight` from `max_thrust` if gravity is valid."""
         fields, gravity, derived = module.model_fields_set, info.data.get("gravity"), dict[str, float]()
         if cls is Task and "joint_mass" not in fields:
-            derived["joint_mass"] = joint_mass(module)
+            derived["joint_mass"] = features.joint_mass(module)
         if module.max_thrust is not None and "max_thrust_to_weight" not in fields and gravity is not None:
             derived["max_thrust_to_weight"] = module.thrust_to_weight(module.max_thrust, gravity)
         return module.replace(**derived) if derived else module
@@ -127,7 +107,7 @@ class Task(Value):
     @classmethod
     def _fill_in(cls, data: Any) -> Any:
         """Fill in the defaults of a new task; a resolved task has every field already."""
-        return with_defaults(data) if cls is Task and isinstance(data, dict) else data
+        return features.with_defaults(data) if cls is Task and isinstance(data, dict) else data
 
     @model_serializer(mode="wrap")
     def _write_every_field(self, write: SerializerFunctionWrapHandler) -> Any:
@@ -187,7 +167,7 @@ class Task(Value):
             rule = "must mean a load case with a force at the end-effector"
             yield ("end_effector", name), f"{rule}, but got {show(getattr(end_effector, name))}"
         yield from self._broken_thrust()
-        yield from (broken for rule in TASK_RULES for broken in rule(self))
+        yield from (broken for rule in features.TASK_RULES for broken in rule(self))
 
     def _broken_thrust(self) -> Broken:
         """Yield broken rules about limits of rotor inputs."""
@@ -248,7 +228,7 @@ class Task(Value):
         reach = self.end_effector.largest_reach
         if reach is not None:
             return reach or None
-        packed, rod = LARGE * packed_width(self.module, n), self.end_effector
+        packed, rod = room.LARGE * room.packed_width(self.module, n), self.end_effector
         # a fixed position may need a longer rod, which the audit notes
         limited = rod.rod == "straight" and rod.fixed_position is None
         return min(packed, self.stiff_length(n)) if limited else packed
@@ -335,7 +315,7 @@ class Task(Value):
         `body_clearance`, and measures the parts themselves.
         """
         clearance = self.body_clearance
-        return None if clearance is None else max(clearance, 2 * body_radius(self.module))
+        return None if clearance is None else max(clearance, 2 * room.body_radius(self.module))
 
     @property
     def parts_off_airflow(self) -> bool:
@@ -343,14 +323,14 @@ class Task(Value):
         return self.body_clearance is not None or self.search.interference == "parts"
 
     @property
-    def part_cover(self) -> Balls:
+    def part_cover(self) -> room.Balls:
         """Balls around rigid parts that the search keeps out of other modules' airflow and of solid regions.
 
         If airflows must neither merge nor enter a solid region, parts inside their own airflow need no balls.
         """
         air_enters = any(exposure.solid and not exposure.geometry for exposure in self.exposure)
         needs_all = air_enters or self.search.interference != "airflow"
-        return whole_cover(self.module) if needs_all else part_cover(self.module)
+        return room.whole_cover(self.module) if needs_all else room.part_cover(self.module)
 
     def folds(self, margin: float = 0.0) -> Folds:
         """Return the folds of hinges that the search allows, within +-pi/2 [rad].
@@ -361,8 +341,8 @@ class Task(Value):
             margin: required clearance [m].
         """
         any_fold = ((-math.pi / 2, math.pi / 2),)
-        apart = any_fold if self.body_clearance is None else clear_folds(self.module, margin)
-        return intersect(apart, airflow_folds(self.module, margin)) if self.parts_off_airflow else any_fold
+        apart = any_fold if self.body_clearance is None else room.clear_folds(self.module, margin)
+        return intersect(apart, room.airflow_folds(self.module, margin)) if self.parts_off_airflow else any_fold
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
@@ -371,16 +351,16 @@ class Task(Value):
         force = module.joint_force if flight.joint_force == "rated" else flight.joint_force
         return force, module.joint_moment if flight.joint_moment == "rated" else flight.joint_moment
 
-    def at(self, level: Level) -> Task:
+    def at(self, level: features.Level) -> Task:
         """Return the task with its goals fixed at a level, without goals."""
-        task = self.model_copy(update={"goals": Goals()})
-        for goal, value in zip(GOALS.values(), level, strict=True):
+        task = self.model_copy(update={"goals": features.Goals()})
+        for goal, value in zip(features.GOALS.values(), level, strict=True):
             part, field = goal.field.split(".")
             if value is not None:
                 for table in range(len(task.exposure)) if part == "exposure" else (part,):
                     task = task.with_fields(table, **{field: value})
         required = True if level.hinge_angle_deg else task.flight.tolerances
-        task = task.with_fields("flight", tolerances=None if task.tolerances == Tolerances() else required)
+        task = task.with_fields("flight", tolerances=None if task.tolerances == features.Tolerances() else required)
         # without failures there is no torque after one
         return task.with_fields("flight", rotor_out_torque=None) if task.flight.rotor_out == "none" else task
 
@@ -391,7 +371,7 @@ class Task(Value):
         changed = self.exposure[part].model_copy(update=fields)
         return self.model_copy(update={"exposure": (*self.exposure[:part], changed, *self.exposure[part + 1 :])})
 
-    _repr_html_ = task_html
+    _repr_html_ = features.task_html
 
     def resolve(self, n: int) -> ResolvedTask:
         """Return the task for n modules with every default filled in and its load cases in N and N m.
@@ -413,7 +393,7 @@ class Task(Value):
             "task_seed": None,
             "search": self.search.model_copy(update=lengths),
             "flight": self.flight.to_si(*units, grows=grows, maximized=self.search.maximize is not None),
-            "goals": Goals(),
+            "goals": features.Goals(),
         }
         return ResolvedTask(**fields)
 
@@ -427,8 +407,8 @@ class ResolvedTask(Task):
     modules: Count
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty]
-    flight: Annotated[AskedFlight, omit_if(AskedFlight())] = AskedFlight()
-    tolerances: Annotated[Tolerances, omit_if(Tolerances())] = Tolerances()
+    flight: Annotated[features.AskedFlight, omit_if(features.AskedFlight())] = features.AskedFlight()
+    tolerances: Annotated[features.Tolerances, omit_if(features.Tolerances())] = features.Tolerances()
 
     @property
     def attitude(self) -> str:
