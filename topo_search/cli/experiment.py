@@ -8,7 +8,7 @@ import click
 
 import topo_search as ts
 from topo_search.cli import options
-from topo_search.cli.errors import command
+from topo_search.cli.errors import command, note
 from topo_search.limits import LIMITS
 
 NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
@@ -105,9 +105,9 @@ def experiment(
     """  # noqa: D301 (\b is click's)
     from dataclasses import replace
 
-    from topo_search.cli.progress import shown_progress
     from topo_search.experiments import conduct
     from topo_search.experiments import experiment as find_experiment
+    from topo_search.report.shown import visible_progress
 
     study = find_experiment(name)
     settings = study.small if small else study.full
@@ -119,7 +119,7 @@ def experiment(
     settings = replace(settings, **options.without_none(option_values))
     if picture is not None:
         options.require_drawable(picture)
-    with shown_progress(incumbent=False) as observer:
+    with visible_progress(incumbent=False, tell=note) as observer:
         rows = conduct(study, settings, out, workers=workers, observer=observer)
     failed = rows["status"] == "failed"
     answered = rows[~failed]  # a failed cell does not mean that no design exists

@@ -125,13 +125,13 @@ def kit(
     folders = [task for task in tasks if Path(task).is_dir()]
     if folders and (modules or settings):
         raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
-    from topo_search.cli.progress import shown_progress
     from topo_search.compose import NotClear
     from topo_search.compose.drawer import NoCommonKit
     from topo_search.compose.drawer import kit as make_kit
+    from topo_search.report.shown import visible_progress
 
     try:
-        with shown_progress() as observer, catch_warnings(action="ignore", category=ts.SuspiciousTask):
+        with visible_progress(tell=note) as observer, catch_warnings(action="ignore", category=ts.SuspiciousTask):
             read = {task: options.task_of(task, settings, modules=modules) for task in tasks if task not in folders}
             for task in read.values():
                 options.warn(task)

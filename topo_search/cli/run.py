@@ -12,7 +12,7 @@ import click
 
 import topo_search as ts
 from topo_search.cli import options
-from topo_search.cli.errors import command, needs_extras
+from topo_search.cli.errors import command, needs_extras, note
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
@@ -114,10 +114,10 @@ def run(
         raise click.UsageError("--keep-within solves all candidates and cannot be combined with --prune")
     if topologies and sampled:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
-    from topo_search.cli.progress import shown_progress
+    from topo_search.report.shown import visible_progress
 
     warnings: list[TaskWarning] = []
-    with _print_if_lost(warnings), shown_progress() as observer, needs_extras("--dask"):
+    with _print_if_lost(warnings), visible_progress(tell=note) as observer, needs_extras("--dask"):
         fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
         fields["search__maximize"] = maximize
         user_task = options.task_of(task, settings, paper=paper, **fields)

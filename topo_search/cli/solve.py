@@ -157,9 +157,9 @@ def prove(folder: Path, topology: str | None, checks: bool, **option_values: Any
         engine = {name: option_values[name] for name in ("workers", "dask")}
         _check(folder, topology=topology, **engine)
         return
-    from topo_search.cli.progress import shown_progress
+    from topo_search.report.shown import visible_progress
 
-    with shown_progress() as observer, needs_extras("--dask"):
+    with visible_progress(tell=note) as observer, needs_extras("--dask"):
         answer = ts.prove(folder, topology=topology, observer=observer, **options.without_none(option_values))
     from topo_search.study.tables import candidates
 
@@ -190,10 +190,10 @@ def _proof_line(key: str, verdict: str, bound: float | None, objective: Objectiv
 def _check(folder: Path, **option_values: Any) -> None:
     """Check the proofs of a run, print the result and exit with its status."""
     with explain_errors():
-        from topo_search.cli.progress import shown_progress
         from topo_search.compose import check_proofs
+        from topo_search.report.shown import visible_progress
 
-        with shown_progress() as observer, needs_extras("--dask"):
+        with visible_progress(tell=note) as observer, needs_extras("--dask"):
             result = check_proofs(folder, observer=observer, **option_values)
     trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
     refused = [f"refused: {fault}" for fault in result.faults]

@@ -21,7 +21,7 @@ from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
 from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
-from topo_search.report.progress import visible_progress
+from topo_search.report.shown import visible_progress
 from topo_search.report.task_warnings import warn
 from topo_search.study import Answer, Checked, Observer, run
 from topo_search.study import check as check_run

@@ -50,7 +50,7 @@ from topo_search.model.files import load_json, load_text, write_atomically
 from topo_search.model.task_file import read_task
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
-from topo_search.report.progress import visible_progress
+from topo_search.report.shown import visible_progress
 from topo_search.study import Observer, Phase
 from topo_search.study.directory import lock
 from topo_search.study.folder import make_folder, refusal
@@ -245,7 +245,7 @@ def conduct(
     with (
         open_record(Path(out), study.name, settings, command) as (done, add),
         Workers(workers or available_cores()) as pool,
-        visible_progress(observer, lambda _: "") as shown,
+        visible_progress(observer, incumbent=False) as shown,
     ):
         for n, size in groupby((cell for cell in cells if identity(cell.row) not in done), key=lambda cell: cell.n):
             missing = list(size)

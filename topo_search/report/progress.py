@@ -1,16 +1,14 @@
 """Progress messages of a run: its plan, its stage, the best design so far and the remaining time."""
 
 import math
-import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from itertools import groupby
 
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import modules, quantity
 from topo_search.study.ledger import Row
-from topo_search.study.progress import Observer, Phase, Plan, SilentObserver
+from topo_search.study.progress import Phase, Plan
 from topo_search.study.time_left import TimeLeft
 
 Words = Callable[[Row | None], str]
@@ -121,36 +119,3 @@ class Lines:
     def note(self, text: str) -> None:
         """Print a note."""
         self._tell(text)
-
-
-@contextmanager
-def visible_progress(observer: Observer | None, words: Words = describe) -> Iterator[Observer]:
-    """Yield an observer: the given one, or one that shows progress while the block runs, if anybody sees it.
-
-    That is a bar in a terminal, and a line in a notebook's cell that vanishes at the end.
-
-    Args:
-        observer: the observer; None: choose one.
-        words: describes the best design so far.
-    """
-    from rich.console import Console  # slow to import, like what follows
-
-    console = Console(stderr=True)
-    if observer is not None:
-        yield observer
-    elif console.is_jupyter:
-        from IPython.display import display
-
-        def tell(line: str) -> None:
-            cell.update({"text/plain": line}, raw=True)
-
-        cell = display({"text/plain": ""}, raw=True, display_id=True)
-        yield Lines(tell, words, every=0.5)
-        tell("")
-    elif sys.stderr.isatty():
-        from topo_search.report.bar import Bar
-
-        with Bar.show(console, words) as bar:
-            yield bar
-    else:
-        yield SilentObserver()
