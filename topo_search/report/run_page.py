@@ -210,8 +210,7 @@ def _sizes(answer: Answer) -> Table:
             "feasible trees, symmetric copies included": str(size.feasible),
             **_bound_cell(size),
             "best": size.best.key if size.best else "none",
-            **_value_cell(size),
-            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            **_numbers(size),
             "gap": gap_percent(size.best.gap) if size.best and size.best.gap is not None else "",
         }
         for size in answer.sizes
@@ -232,12 +231,6 @@ def _bound_cell(size: SizeAnswer) -> dict[str, str]:
     if isinstance(size.objective, LargestValue):
         return {f"upper bound [{size.objective.quantity.unit}]": rounded_up(size.value_bound, digits=5)}
     return {"lower bound [rad⁴/s⁴]": rounded_down(size.lower_bound, digits=5)}
-
-
-def _value_cell(size: SizeAnswer) -> dict[str, str]:
-    if isinstance(size.objective, LargestValue):
-        return {size.objective.column: rounded_down(size.best.value, digits=5) if size.best else ""}
-    return {}
 
 
 def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
@@ -374,7 +367,7 @@ def _numbers(size: SizeAnswer) -> dict[str, str]:
     """Return what the best design of a size has of the objective, and its effort."""
     row, value = size.best, {}
     if size.objective.better == "more":
-        value = {size.objective.column: "" if row is None else lower_text(row.value or 0.0, 4)}
+        value = {size.objective.column: rounded_down(row.value if row else None, digits=5)}
     return {**value, "J [rad⁴/s⁴]": figures(row.objective, 5) if row and row.objective is not None else ""}
 
 
