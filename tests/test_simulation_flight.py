@@ -22,6 +22,7 @@ from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.load_case import ForceCone, objects
 from topo_search.model.reserves import AskedFlight
+from topo_search.simulation import files
 from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, plan, worst_wakes
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import ModelErrors, Plant, in_wakes, nominal
@@ -216,8 +217,20 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
     with Image.open(tmp_path / "flight/flight.png") as plot:
         assert plot.size[0] > 800
     with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == 7
-        assert len(film.convert("RGB").getcolors(1 << 20)) > 50  # something is to be seen
+        assert (film.n_frames, film.size) == (7, (1280, 720))
+        pixels = np.asarray(film.convert("L"))
+    assert pixels[0].min() > 240  # the sky
+    assert pixels[600].max() < 240  # the ground
+    assert pixels[300:400, 500:780].min() < 60  # the platform
+    assert np.ptp(pixels[664:704, 24:200]) > np.ptp(pixels[664:704, 900:1200])  # the caption
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp"])
+def test_a_film_has_all_its_frames(suffix: str) -> None:
+    film = files.Film(1.0)
+    film.frames = [files._with_caption(np.full((720, 1280, 3), 200, np.uint8), f"{t} s") for t in range(3)]
+    with Image.open(io.BytesIO(film.encode(suffix))) as read:
+        assert (read.n_frames, read.size) == (3, (1280, 720))
 
 
 @pytest.mark.parametrize(("film", "status"), [((), 0), (("--video", "film.gif"), 2)], ids=["no film", "film"])
@@ -245,7 +258,7 @@ def test_json_and_status_of_a_flight_that_fails(command, tmp_path, solved_push) 
     ("words", "said"),
     [
         (["none.json"], "none.json: no such file"),
-        (["wall.json", "--video", "film.mp4"], "--video: must end in .gif, but got film.mp4"),
+        (["wall.json", "--video", "film.mp4"], "--video: must end in .gif or .webp, but got film.mp4"),
         (["wall.json", "--only", "loop"], "must begin the name of a scenario, one of hover, return from +x,"),
         (["wall.json", "--model-error", "0.9"], "is not in the range 0<=x<=0.5"),
     ],

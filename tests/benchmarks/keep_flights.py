@@ -16,6 +16,8 @@ import shutil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from PIL import Image
+
 from topo_search import compose
 from topo_search.model import Design
 from topo_search.model.files import read_json, to_json, write_atomically
@@ -75,7 +77,8 @@ def _stills(films: dict[str, files.Film]) -> bytes:
     axes = figure.subplots(len(films), len(STILLS), squeeze=False)
     for row, (name, film) in zip(axes, films.items(), strict=True):
         for axis, t in zip(row, STILLS, strict=True):
-            axis.imshow(film.frames[round(t / (files.FRAMES_EVERY * EVERY * STEP))])
+            frame = film.frames[round(t / (files.FRAMES_EVERY * EVERY * STEP))]
+            axis.imshow(Image.open(io.BytesIO(frame)).convert("RGB"))
             axis.set_title(f"{t:g} s", fontsize=8)
             axis.set(xticks=[], yticks=[])
         row[0].set_ylabel(FILMED[name], fontsize=9)

@@ -37,7 +37,7 @@ RESULTS = ROOT / "notebooks/results/gallery.json"
 EXHAUSTIVE_UP_TO = 8
 """Largest number of modules with which all trees are searched."""
 TRIALS = 48
-DPI = 70
+DPI = 110
 ANIMATED = "wall-push"
 FRAMES = 45
 FRAME_MS = 90
@@ -91,8 +91,9 @@ def turning(design: Design) -> bytes:
         low, high = np.array([getattr(scene.axes, f"get_{name}lim")() for name in "xyz"]).T
         scene.axes.set_box_aspect(tuple((high - low) / 2), zoom=zoom)
         scene.axes.set_axis_off()
+        scene.axes.set_position((0, 0, 1, 1))
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=100)
+        figure.savefig(buffer, format="png", dpi=100, facecolor="white")
         frames.append(Image.open(buffer).convert("RGB"))
     out = io.BytesIO()
     frames[0].save(out, "webp", save_all=True, append_images=frames[1:], duration=FRAME_MS, loop=0, quality=70)

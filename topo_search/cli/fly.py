@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from topo_search.simulation.result import FlightResult, ScenarioResult
 
 
-@command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
+@command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.webp")
 @click.argument("design", metavar="DESIGN.json")
 @click.option(
     "--out",
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Folder for flight.json, flight.csv and flight.png.",
 )
-@options.out("--video", "video", "Render some flights as an animated .gif; needs no display.")
+@options.out("--video", "video", "Render some flights as an animated .gif or .webp, 1280 x 720; needs no display.")
 @options.seed
 @options.real_number("--noise", (0, 100), "Scale factor for the sensor noise.", default=1.0)
 @options.real_number(

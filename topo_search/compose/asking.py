@@ -213,7 +213,7 @@ def fly(
         wake: whether wakes of other modules reduce thrust.
         only: prefixes of the scenarios to fly; empty: all.
         out: folder for flight.json, flight.csv and flight.png; None: none.
-        video: animated .gif of some flights; None: none.
+        video: animated .gif or .webp of some flights, 1280 x 720; None: none.
         tell: called with each scenario when it has been flown.
 
     Raises:
@@ -247,7 +247,7 @@ def fly(
     if out is not None:
         files.write_flight(campaign, Path(out))
     if video is not None and film is not None:
-        write_atomically(Path(video), film.gif())
+        write_atomically(Path(video), film.encode(Path(video).suffix.lower()))
     played = PlayedFlight.model_validate(dict(campaign.result))
     played._design, played._series = completed, files.time_series(campaign.flown)
     return played

@@ -6,12 +6,14 @@ import io
 import itertools
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from topo_search.export import PAPER, TWO_COLUMNS, palette
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
@@ -28,7 +30,7 @@ FRAMES_EVERY = 16
 """Control steps per frame: 12.5 Hz in real time."""
 POSE = ("x_m", "y_m", "z_m", "q_w", "q_x", "q_y", "q_z")
 """Columns of `Track.pose`."""
-WIDTH, HEIGHT = 400, 300
+WIDTH, HEIGHT = 1280, 720
 """Size of a frame [pixels]."""
 
 
@@ -95,42 +97,59 @@ class Film:
         """Start a film of a platform of the given radius [m]."""
         import mujoco
 
-        self.frames: list[Any] = []
+        self.frames: list[bytes] = []
+        """PNG files, since pictures would fill the memory."""
         self._plant: Plant | None = None
         self._camera = mujoco.MjvCamera()
-        self._camera.distance, self._camera.elevation, self._camera.azimuth = 3.2 * radius, -20.0, 135.0
+        self._camera.distance, self._camera.elevation, self._camera.azimuth = 2.1 * radius, -20.0, 135.0
 
     def watch(self, name: str) -> Watch | None:
         """Return an observer that films a scenario; None if the scenario is not filmed."""
-        return self._film_step if name.startswith(("return from +x", "load case", "rotor")) else None
+        is_filmed = name.startswith(("return from +x", "load case", "rotor"))
+        return partial(self._film_step, name) if is_filmed else None
 
-    def _film_step(self, plant: Plant, t: float) -> None:
+    def _film_step(self, name: str, plant: Plant, t: float) -> None:
         import mujoco
-        from PIL import Image
 
         if plant is not self._plant:
             self._plant, self._steps = plant, itertools.count()
+            plant.model.vis.global_.offwidth, plant.model.vis.global_.offheight = WIDTH, HEIGHT
             self._renderer: Any = mujoco.Renderer(plant.model, HEIGHT, WIDTH)
         if next(self._steps) % FRAMES_EVERY == 0:
             self._renderer.update_scene(plant.data, self._camera)
-            self.frames.append(Image.fromarray(self._renderer.render()))
+            self.frames.append(_with_caption(self._renderer.render(), f"{name}, {t:.1f} s"))
 
-    def gif(self) -> bytes:
-        """Return the film as the content of a GIF file."""
+    def encode(self, suffix: str) -> bytes:
+        """Return the film as the content of an animated `.gif`, or of a `.webp`, which is much smaller."""
+        from PIL import Image
+
         content = io.BytesIO()
-        first, *rest = self.frames
-        first.save(content, format="GIF", save_all=True, append_images=rest, duration=80, loop=0, optimize=False)
+        first, *rest = (Image.open(io.BytesIO(frame)) for frame in self.frames)
+        of_gif, of_webp = {"optimize": False}, {"quality": 70, "method": 2}
+        options: dict[str, Any] = {"duration": 80, "loop": 0, **of_gif, **of_webp}
+        first.save(content, suffix.removeprefix("."), save_all=True, append_images=rest, **options)
         return content.getvalue()
+
+
+def _with_caption(pixels: Array, words: str) -> bytes:
+    """Return a frame with its caption as PNG, in 128 colours, so that films stay small."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    frame = Image.fromarray(pixels)
+    ImageDraw.Draw(frame).text((24, HEIGHT - 56), words, fill=palette.MODULE, font=ImageFont.load_default(32))
+    content = io.BytesIO()
+    frame.quantize(128, dither=Image.Dither.NONE).save(content, format="PNG", compress_level=1)
+    return content.getvalue()
 
 
 def film(path: Path, radius: float) -> Film:
     """Return a film that will be written to a file.
 
     Raises:
-        BadInput: the file is not a GIF, or rendering is not possible here.
+        BadInput: the file is neither a .gif nor a .webp, or rendering is not possible here.
     """
-    if path.suffix.lower() != ".gif":
-        raise BadInput("--video", [Fault("", f"must end in .gif, but got {path.name}")])
+    if path.suffix.lower() not in (".gif", ".webp"):
+        raise BadInput("--video", [Fault("", f"must end in .gif or .webp, but got {path.name}")])
     try:
         import mujoco
 

@@ -250,6 +250,7 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
     """Return the MJCF of the platform with motor lag, rod mass and contacts, and of the wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
     next(root.iter("option")).set("timestep", numbers(STEP))
+    _add_ground(root, design)
     if wall is not None:
         radius = design.task.end_effector.rod_radius
         centre = platform(design).p_e + (radius + wall.gap + 0.01) * wall.towards
@@ -260,3 +261,21 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         contact = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
         SubElement(next(root.iter("worldbody")), "geom", {"name": "wall", **shape, **pose, **contact})
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_ground(root: ElementTree.Element, design: Design) -> None:
+    """Add what films show: a ground with squares of 0.2 m, which touches nothing, and light from above."""
+    asset, world = next(root.iter("asset")), next(root.iter("worldbody"))
+    squares = {"rgb1": "0.72 0.75 0.78", "rgb2": "0.80 0.83 0.86", "width": "128", "height": "128"}
+    SubElement(asset, "texture", {"name": "ground", "type": "2d", "builtin": "checker", **squares})
+    look = {"texture": "ground", "texuniform": "true", "texrepeat": "2.5 2.5"}
+    SubElement(asset, "material", {"name": "ground", **look})
+    built = platform(design)
+    size = float(np.linalg.norm(np.vstack([built.p, built.end_effector]) - built.p_com, axis=1).max())
+    below = numbers(0, 0, built.p_com[2] - 0.3 - size)
+    visible = {"size": "0 0 1", "pos": below, "material": "ground", "contype": "0", "conaffinity": "0"}
+    SubElement(world, "geom", {"name": "ground", "type": "plane", **visible})
+    visual = SubElement(root, "visual")
+    SubElement(visual, "headlight", {"ambient": "0.4 0.4 0.4", "diffuse": "0.2 0.2 0.2", "specular": "0 0 0"})
+    SubElement(visual, "quality", {"shadowsize": "4096"})
+    next(world.iter("light")).set("diffuse", "0.5 0.5 0.5")
