@@ -37,7 +37,7 @@ from topo_search.model.task_file import examples, read_task
 from verify import audit
 
 EXAMPLES = [
-    *("crazyflie", "five-inch", "h-modquad", "hexarotor"),
+    *("crazyflie", "five-inch", "h-modquad", "h-modquad-twelve", "hexarotor"),
     *("push", "push-directional", "push-exterior-60", "push-exterior-90", "push-local", "push-two-paths"),
     *("strongest", "survives-a-rotor", "ten-wrenches", "ten-wrenches-directional", "ten-wrenches-exterior-60"),
     *("ten-wrenches-local", "wall-push", "window-cleaning"),

@@ -61,6 +61,7 @@ ODD = {
     "survives-a-rotor": {"load_cases[0].contact"},
     "five-inch": {"module.torque_to_thrust"},  # published, and more drag than measured propellers have
     "h-modquad": {"module.thrust_coefficient"},  # in its source thrusts are inputs
+    "h-modquad-twelve": {"module.thrust_coefficient", "load_cases"},  # its wrenches are no flight
 }
 
 

@@ -7,6 +7,7 @@ from nlp.bounds.air import refute_airspeed
 from nlp.bounds.effort import lightest_task
 from nlp.bounds.reach import refute_path, refute_reach, refute_rotors, refute_stand_off
 from nlp.bounds.refutation import Refutation, size_text
+from nlp.bounds.rigid import refute_rigid
 from nlp.bounds.wrenches import refute_axes, refute_failures, refute_forces, refute_lift, refute_torque
 from topo_search.model import Infeasible, ResolvedTask, Topology
 
@@ -19,12 +20,13 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    declared, task = task.declared.lightest, lightest_task(task)
+    given, declared, task = task.declared, task.declared.lightest, lightest_task(task)
     forces = refute_lift(task) or refute_axes(task) or refute_forces(task) or refute_failures(declared)
     refutation = forces or refute_reach(task) or refute_rotors(task) or refute_airspeed(declared)
     refutation, concerned = refutation or _refute_shape(task), None
     if refutation is None and topology is not None:
-        refutation, concerned = refute_axes(task, topology) or _refute_shape(task, topology), topology
+        refutation = refute_axes(task, topology) or refute_rigid(given, topology) or _refute_shape(task, topology)
+        concerned = topology
     if refutation is None:
         return None
     return Infeasible(
