@@ -3,6 +3,7 @@
 import json
 import warnings
 
+import numpy as np
 import pytest
 from commands import invoke
 from toy_problem import BACKENDS, InProcess, toy_run, toy_task
@@ -33,7 +34,7 @@ def test_python_warns_of_each_suspicious_value_that_is_read_and_searched_once(tm
     (tmp_path / "odd.toml").write_text(to_toml(odd))
     with warnings.catch_warnings(record=True) as shown:
         warnings.simplefilter("default", ts.SuspiciousTask)
-        ts.search(ts.read_task(tmp_path / "odd.toml"), out=tmp_path / "run", starts=1)
+        ts.search(ts.read_task(tmp_path / "odd.toml"), out=tmp_path / "run", starts=np.int64(1), seed=np.int64(0))
     assert [str(warning.message) for warning in shown] == [*map(str, ts.check(odd).warnings)] != []
     with pytest.warns(ts.SuspiciousTask, match="^gravity: "):
         ts.search(odd, out=tmp_path / "run", starts=1)

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from older import older_task
 
@@ -12,6 +13,7 @@ from topo_search.model.body import Body
 from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.files import to_json
 from topo_search.model.task_file import read_task
+from topo_search.topologies import sample
 
 
 def test_the_default_module() -> None:
@@ -188,6 +190,15 @@ def test_the_shipped_examples_are_the_papers_tasks(name: str, kinds: list[object
     assert list(task.exposure) == kinds
     base = read_task("ten-wrenches" if name.startswith("ten") else "push")
     assert task.model_copy(update={"name": base.name, "exposure": ()}) == base
+
+
+def test_numbers_and_tables_of_pandas_are_taken_as_plain_ones():
+    table = pd.DataFrame({"x": [1.0, 0.0], "y": [0, 1], "z": [0.0, 0.0]})
+    plain = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    assert Wrench(force=table.iloc[0], torque=[*table.y, np.int64(2)]) == Wrench(force=plain[0], torque=(0, 1, 2))
+    assert Directional(kind="directional", radius=table.x.max(), segments=table).segments == plain
+    assert read_task("push").replace(modules=[np.int64(3), np.int64(4)]).modules == (3, 4)
+    assert sample(np.int64(4), np.int64(2), np.int64(7)) == sample(4, 2, 7)
 
 
 def test_numbers_of_numpy_are_taken_as_plain_ones():

@@ -125,7 +125,7 @@ def search(
         base_task,
         symmetry,
         nlp.default_starts(base_task) if starts is None else starts,
-        seed,
+        int(seed),  # of NumPy, too
         strategy or by_default,
         sampler if isinstance(sampler, str) else "moves",
         trials if strategy == "optuna" else None,

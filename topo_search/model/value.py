@@ -255,7 +255,8 @@ class Value(BaseModel):
     def _take_numpy(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in data.items()}
+        lists = {name: [*map(_plain, value)] for name, value in data.items() if type(value) in (list, tuple)}
+        return {name: _plain(value) for name, value in data.items()} | lists
 
     def _broken_rules(self) -> Broken:
         yield from ()
@@ -273,6 +274,12 @@ class Value(BaseModel):
         if "description" in described:
             described["description"] = described["description"].split(FIELDS)[0]
         return schema
+
+
+def _plain(value: Any) -> Any:
+    """Return a number, an array or a table of NumPy or pandas as plain numbers and lists; others as they are."""
+    array = value.to_numpy() if hasattr(value, "to_numpy") else value
+    return array.tolist() if hasattr(array, "tolist") else value
 
 
 @functools.cache

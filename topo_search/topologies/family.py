@@ -280,7 +280,7 @@ class Family:
 
     def draws(self, seed: int) -> Iterator[Topology]:
         """Yield an endless sequence of candidates, drawn independently and uniformly."""
-        random = Random(seed)
+        random = Random(int(seed))  # of NumPy, too
         while True:
             tree = _draw_tree(random, self.n, self.group, self.connectors, self.root)
             yield Topology.from_key(key_of(text_of(self._least(tree))))
