@@ -23,7 +23,7 @@ from toy_problem import toy_run, toy_task
 import verify
 from nlp import solve
 from topo_search.cli import main
-from topo_search.compose import searching
+from topo_search.compose import binding, searching
 from topo_search.compose.choosing import choose, count_kinds, shared_part
 from topo_search.compose.drawer import growing_steps, reasons_apart, share_brackets
 from topo_search.compose.rounding import move_hinges
@@ -287,8 +287,8 @@ def test_a_tolerance_as_large_as_the_step_of_a_task_is_refused(tmp_path):
 def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):
     """In cheap form: three modules, and designs that are made up."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(searching, "backends", lambda _: bent({"*": (30.0, -45.0)}))
-    monkeypatch.setattr(searching, "open_engine", lambda *_: toy_problem.InProcess(1))
+    monkeypatch.setattr(binding, "backends", lambda _: bent({"*": (30.0, -45.0)}))
+    monkeypatch.setattr(binding, "open_engine", lambda *_: toy_problem.InProcess(1))
     monkeypatch.setattr(searching, "write_page", lambda _: None)
     commands = [shlex.split(block.replace("\\\n", " ")) for block in blocks("sh", "tutorials/one-drawer.md")]
     assert [words[:2] for words in commands] == [["topo-search", "kit"]] * 2

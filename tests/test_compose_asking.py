@@ -11,7 +11,7 @@ from vehicle_cases import star
 
 import topo_search as ts
 import verify
-from topo_search.compose import searching
+from topo_search.compose import binding
 from topo_search.model.files import to_json, to_toml
 from topo_search.model.task_file import examples
 from topo_search.study import Solved
@@ -28,8 +28,8 @@ def test_a_check_is_the_text_of_the_command_and_a_table(tmp_path) -> None:
 
 
 def test_python_warns_of_each_suspicious_value_that_is_read_and_searched_once(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(searching, "backends", lambda _: BACKENDS)
-    monkeypatch.setattr(searching, "open_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(binding, "backends", lambda _: BACKENDS)
+    monkeypatch.setattr(binding, "open_engine", lambda *_: InProcess(1))
     odd = toy_task(2).replace(gravity=9.7)
     (tmp_path / "odd.toml").write_text(to_toml(odd))
     with warnings.catch_warnings(record=True) as shown:

@@ -23,7 +23,7 @@ from toy_problem import BACKENDS, InProcess
 
 import topo_search
 from topo_search import compose, search
-from topo_search.compose import searching
+from topo_search.compose import binding, searching
 from topo_search.export import formats
 from topo_search.model import Task
 from topo_search.model.files import to_toml
@@ -110,8 +110,8 @@ def test_the_recipes_of_the_command_line_run(tmp_path, monkeypatch):
     subprocess.run(["bash", "-euc", script], cwd=tmp_path, env={**os.environ, "PATH": path}, check=True)
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(searching, "backends", lambda _: BACKENDS)
-    monkeypatch.setattr(searching, "open_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(binding, "backends", lambda _: BACKENDS)
+    monkeypatch.setattr(binding, "open_engine", lambda *_: InProcess(1))
     monkeypatch.setattr(searching, "write_page", lambda _: None)
     called = list(map(json.loads, log.read_text().splitlines()))
     assert [words[0] for words in called] == ["run", "run", "run", "compare", "topologies", "run", "run"]
@@ -265,17 +265,21 @@ MODULES = (
     "topo_search.compose.asking",
     "topo_search.compose.designs",
     "topo_search.compose.drawer",
+    "topo_search.compose.rounding",
     "topo_search.compose.searching",
     "topo_search.export.audits",
     "topo_search.export.formats",
+    "topo_search.export.kit",
     "topo_search.model.files",
     "topo_search.model.proven",
     "topo_search.model.task_file",
     "topo_search.model.topology",
     "topo_search.report.charts",
     "topo_search.report.progress",
+    "topo_search.report.task_warnings",
     "topo_search.study.answering",
     "topo_search.topologies.family",
+    "verify.kinematics",
 )
 
 

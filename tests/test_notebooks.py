@@ -4,6 +4,7 @@ None is marked slow though each takes over ten seconds: `make test` is to run th
 is kept in `docs/executed`, which the site is built from.
 """
 
+import ast
 import os
 import re
 import shutil
@@ -15,8 +16,6 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 from PIL import Image
-
-import topo_search
 
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 EXECUTED = NOTEBOOKS.parent / "docs/executed"
@@ -101,13 +100,21 @@ def test_git_holds_no_output_and_no_path_of_a_machine(book):
             assert "Markdown(" not in cell.source  # a cell is what a user would write: no code that makes prose
 
 
-def test_what_the_package_exports_is_imported_from_its_top(book):
+PUBLIC = ("topo_search", "topo_search.experiments", "topo_search.topologies")
+
+
+def imports(book: Path) -> list[str]:
+    """The modules from which a notebook imports."""
     code = "\n".join(cell.source for cell in nbformat.read(book, as_version=4).cells if cell.cell_type == "code")
-    imports = re.findall(r"^from topo_search(\S*) import (.+)$", code, re.MULTILINE)
-    assert imports
-    for module, names in imports:
-        exported = [name in topo_search.__all__ for name in names.split(", ")]
-        assert all(exported) if not module else not any(exported), (module, names)
+    nodes = list(ast.walk(ast.parse(re.sub("^%.*", "", code, flags=re.MULTILINE))))
+    modules = [node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)]
+    return modules + [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+
+
+def test_no_private_module_is_imported(book):
+    ours = [name for name in imports(book) if name.split(".")[0] in ("nlp", "topo_search", "verify")]
+    assert ours
+    assert [name for name in ours if name not in PUBLIC] == []
 
 
 def test_runs_from_a_fresh_kernel(book, tmp_path, monkeypatch):

@@ -9,8 +9,7 @@ from toy_problem import toy_run, toy_solved, toy_task
 from verify_cases import changed, fan
 
 import topo_search
-from topo_search import figure, plot_candidates, plot_front, plot_history, read_answer
-from topo_search.export.picture import Picture
+from topo_search import Picture, figure, plot_candidates, plot_front, plot_history, read_answer
 from topo_search.model import BadInput
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study import Solved
@@ -123,7 +122,8 @@ def test_text_is_escaped(monkeypatch) -> None:
 
 
 def test_a_picture_is_a_png() -> None:
-    assert Picture(fan())._repr_png_().startswith(b"\x89PNG")
+    pictures = {Picture(drawn)._repr_png_() for drawn in (fan(), toy_task(3))}
+    assert [picture[:4] for picture in pictures] == [b"\x89PNG"] * 2
 
 
 def test_a_figure_turns_and_marks_the_closest_pair_of_its_audit() -> None:

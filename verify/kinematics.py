@@ -137,6 +137,11 @@ def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
     Args:
         design: the design.
         actual_poses: poses of a platform built with errors [m]; None: the design's own.
+
+    Example:
+        >>> from topo_search import platform, read_design
+        >>> platform(read_design("hover-2/best.json")).rotors.shape
+        (2, 4, 3)
     """
     task, module = design.task, design.task.module
     n = design.topology.n

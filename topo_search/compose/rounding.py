@@ -44,6 +44,12 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
         NotClear: no rounding is clear, or all hinges of a flat lattice are 0; the message names a smaller step that
             leads to a clear design, if there is one.
         RuntimeError: an audit failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import read_design, round_angles
+        >>> rounded = round_angles(read_design("hover-2/best.json"), 30.0)
+        >>> [round(math.degrees(angle)) % 30 for angle in rounded.design.hinge_angles_rad]
+        [0]
     """
     if design.task.search.lattice is not None:
         raise NotClear("all hinges of a flat lattice are at 0 deg")

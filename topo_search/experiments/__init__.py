@@ -4,6 +4,7 @@ A study is a list of cells, each one topology under one condition. `conduct` sol
 processes; every row goes to disk at once. A study's `summary` and `figure` are functions of its rows.
 """
 
+from topo_search.experiments.paper import growth, style
 from topo_search.experiments.study import Settings, Study, conduct, results
 
 

@@ -52,6 +52,11 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
 
     Raises:
         BadInput: the folder holds other files, a number is out of PX4's range, or brackets do not fit.
+
+    Example:
+        >>> from topo_search import read_design, write_kit
+        >>> write_kit(read_design("hover-2/best.json"), Path("hover-2-kit")).files[-1]
+        'design.json'
     """
     require_kit_folder(folder)
     platform_data, solids = allocation(design), printed_parts(design)

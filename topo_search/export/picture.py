@@ -6,7 +6,6 @@ It follows the paper's figures: 3-D matplotlib axes, in metres, along the axes o
 import io
 import itertools
 import math
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -63,16 +62,6 @@ def picture(design: Design, kind: Kind, air: AirSurface | None = None) -> bytes:
 png = partial(picture, kind="png")
 svg = partial(picture, kind="svg")
 pdf = partial(picture, kind="pdf")
-
-
-@dataclass(frozen=True)
-class Picture:
-    """The picture of a design, which a notebook displays."""
-
-    design: Design
-
-    def _repr_png_(self) -> bytes:
-        return picture(self.design, "png")
 
 
 @style.context(PAPER)

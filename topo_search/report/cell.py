@@ -1,4 +1,4 @@
-"""The 3-D view of a design in a cell of a notebook: a page of its own, in a frame."""
+"""What a notebook shows in a cell: the 3-D view of a design, a page of its own in a frame; pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from topo_search.limits import quantity
-from topo_search.model import Audit, Design
+from topo_search.model import Audit, Design, Task
 from topo_search.model.files import write_atomically
 
 
@@ -37,3 +37,18 @@ class View:
     def _repr_html_(self) -> str:
         frame = 'style="width: 100%; height: 560px; border: 0" loading="lazy"'
         return f'<iframe title="{escape(repr(self)[1:-1])}" {frame} srcdoc="{escape(self.html)}"></iframe>'
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The picture of a design with its tree, or of a task around its end-effector, which a notebook displays."""
+
+    of: Design | Task
+
+    def _repr_png_(self) -> bytes:
+        from topo_search.export import picture  # imports matplotlib, which the extra `viz` installs
+        from topo_search.export.task_picture import task_figure
+
+        if isinstance(self.of, Design):
+            return picture.picture(self.of, "png")
+        return picture.content(task_figure(self.of.resolve(self.of.sizes[-1])), "png")
