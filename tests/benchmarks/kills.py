@@ -91,9 +91,9 @@ def fill(folder: Path, count: int, size: int, generator: random.Random, expected
             assert ended.returncode == 0 or "run the same command to continue" in message or "--out" in message, (
                 message
             )
-            recorded = solves(folder / "run")
-            ends[f"status {ended.returncode}{', with results' * bool(recorded)}"] += 1
             subprocess.run(["mount", "-o", "remount,size=64m", str(folder)], check=True)
+            recorded = solves(folder / "run")  # SQLite needs room even to read
+            ends[f"status {ended.returncode}{', with results' * bool(recorded)}"] += 1
             finish(folder / "run", recorded, expected)
         finally:
             subprocess.run(["umount", str(folder)], check=True)
