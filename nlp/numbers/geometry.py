@@ -33,9 +33,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Module, ResolvedTask, Topology
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Indices, Module, ResolvedTask, Topology
 from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 
@@ -88,7 +88,7 @@ def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[
     return R, p
 
 
-def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
+def _hinge_rotations(ports: Indices, alpha: Array) -> Array:
     """Return the rotations about the hinges in their parents' frames: about y on the ports +-x, else about x."""
     cosine, sine, about_y = np.cos(alpha), np.sin(alpha), ports % 2 == 0
     R = np.zeros((len(alpha), 3, 3))

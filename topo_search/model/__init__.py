@@ -1,7 +1,7 @@
 """The nouns: frozen, picklable values that cross the borders between solver, audit and search."""
 
 from topo_search.model.airflow import AirflowEnvelope
-from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, Flags, Indices, read_only
 from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, ShorterRod
 from topo_search.model.audit import AllowedContact, Audit, Interference, Residual
 from topo_search.model.clearance import Clearance, Status
