@@ -30,8 +30,7 @@ from nlp.requirements.bodies import Air
 from nlp.requirements.modules import AirflowClearance
 from nlp.requirements.statement import COM, FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Formula, LocalVector, PlatformVector
 from nlp.symbols.platform import body_inertia, point_inertia, rod_inertia_beyond_ends
-from topo_search.model import Array, Indices, ResolvedTask
-from topo_search.model.kinds import Vector
+from topo_search.model import Array, Indices, ResolvedTask, Vector
 
 MAX_BUFFERS = 15
 """Largest number of cached buffers per expression: one per number of columns."""

@@ -8,9 +8,8 @@ import numpy as np
 
 from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask
+from topo_search.model import Array, CountedRod, ResolvedTask
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.end_effector import CountedRod
 from topo_search.model.proven import TOLERANCE
 
 

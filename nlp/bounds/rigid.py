@@ -22,8 +22,7 @@ from nlp.bounds.refutation import Refutation
 from nlp.numbers.geometry import force_map, torque_map
 from nlp.numbers.point import Point
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 from topo_search.model.kinds import is_zero
 from topo_search.model.proven import TOLERANCE, lower_text
 

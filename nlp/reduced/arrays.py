@@ -21,8 +21,7 @@ from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, row_kinds, variable_bounds
 from nlp.requirements.balances import angular_accelerations
 from nlp.units import Units
-from topo_search.model import Array, Indices, ResolvedTask, Topology
-from topo_search.model.corners import CorneredTask
+from topo_search.model import Array, CorneredTask, Indices, ResolvedTask, Topology
 from topo_search.model.shape import Hull
 
 

@@ -51,10 +51,8 @@ import numpy as np
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
-from topo_search.model import Array, Flags
-from topo_search.model.design import Design
+from topo_search.model import Array, Design, Flags, Module
 from topo_search.model.kinds import Index, Number, Vector
-from topo_search.model.module import Module
 from topo_search.model.text import csv_text
 from topo_search.model.value import BadInput, Fault, Value
 from verify.flight.joints import inertia

@@ -40,8 +40,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import PORT_DIRECTIONS, Array, Flags, Indices, LoadCase, ResolvedTask, Topology
-from topo_search.model.corners import CorneredTask
+from topo_search.model import PORT_DIRECTIONS, Array, CorneredTask, Flags, Indices, LoadCase, ResolvedTask, Topology
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.rotors import x_quadrotor
