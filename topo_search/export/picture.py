@@ -145,11 +145,11 @@ def save(figure: Figure, path: str | Path) -> None:
     write_atomically(path, content(figure, kind))
 
 
-def content(figure: Figure, kind: str) -> bytes:
+def content(figure: Figure, kind: str, *, dpi: int = 300) -> bytes:
     """Return a figure as the content of a file; no date in it, so that the same figure is the same file."""
     stream, dated = io.BytesIO(), {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with style.context(PAPER):
-        figure.savefig(stream, format=kind, metadata=dated.get(kind))
+        figure.savefig(stream, format=kind, dpi=dpi, metadata=dated.get(kind))
     return stream.getvalue()
 
 
