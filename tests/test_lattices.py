@@ -264,6 +264,15 @@ def test_pages_and_pictures_show_all_joints(flag) -> None:
     assert f"of module {i}" in steps[j]
 
 
+def test_a_lattice_is_a_start_for_another(flag) -> None:
+    task = hovering(5).resolve(5)
+    other = BACKENDS.solve(Job(task, Topology.from_key("f74000"), range(0), 0, (flag,)))
+    same = BACKENDS.solve(Job(task, Topology.from_key(FLAG), range(0), 0, (flag,)))
+    assert isinstance(other, Design)
+    assert isinstance(same, Design)
+    assert same.objective == pytest.approx(flag.objective, rel=1e-5)
+
+
 def test_what_hangs_flat_has_an_angle_of_plain_zero(flag) -> None:
     assert [math.copysign(1.0, angle) for angle in flag.hinge_angles_rad] == [1.0] * 4
 

@@ -278,7 +278,8 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
 
 def largest_turn(task: ResolvedTask) -> float:
     """Return the largest allowed hinge angle of either sign [rad]; 0 if none is allowed."""
-    return max((max(-low, high) for low, high in allowed_folds(task, task.search.margin)), default=0.0)
+    turns = (max(-low, high) for low, high in allowed_folds(task, task.search.margin))
+    return max(turns, default=0.0) + 0.0  # not -0.0, which NumPy's generators refuse as a range
 
 
 def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
