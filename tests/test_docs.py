@@ -146,6 +146,25 @@ def test_the_recipe_draws_an_answer(run, tmp_path):
     assert all((tmp_path / f"{name}.pdf").read_bytes().startswith(b"%PDF") for name in ("candidates", "platform"))
 
 
+STUDY = "how-to/notebook-study.md"
+
+
+def test_a_study_takes_three_short_notebooks_with_public_names_alone():
+    notebooks = blocks("python", STUDY)
+    assert len(notebooks) == 3
+    assert max(len(notebook.splitlines()) for notebook in notebooks) <= 25
+    modules = re.findall(r"^(?:from|import) ([\w.]+)", "".join(notebooks), re.MULTILINE)
+    assert {*modules} == {"matplotlib.pyplot", "numpy", "pandas", "topo_search"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "figure"), [(0, "trees"), (1, "effort"), (2, "flight")])
+def test_a_short_notebook_ends_with_a_figure_for_a_paper(run, tmp_path, number, figure):
+    with matplotlib.rc_context():
+        run(blocks("python", STUDY)[number])
+    assert (tmp_path / f"{figure}.pdf").read_bytes().startswith(b"%PDF")
+
+
 def test_the_python_code_runs_and_says_what_it_should(run):
     answer, best, angles, verdict = run(*blocks("python", "how-to/python.md")).splitlines()
     assert answer.startswith("a300, 3 modules, J = ")

@@ -62,17 +62,15 @@ def compute_less():
     from dataclasses import replace
 
     from topo_search import experiments
-    from topo_search.simulation import files
 
     def conduct(study, settings, *given, conduct=experiments.conduct, **options):
         return conduct(study, replace(settings, topologies=(1, 1)), *given, **options)
 
     experiments.conduct = conduct
-    files.FRAMES_EVERY = 160
 
 compute_less()
 """
-"""Runs next, unless what the notebooks show is kept: a tree of each size, and few frames of a film."""
+"""Runs next, unless what the notebooks show is kept: a tree of each size."""
 
 
 @pytest.fixture(params=BOOKS, ids=[book.stem for book in BOOKS])

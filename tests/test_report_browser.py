@@ -619,6 +619,8 @@ def test_a_flight_is_played_as_it_was_recorded(opened: Open, tmp_path: Path) -> 
     assert page.inner_text(".readout").startswith("0.48 s: ")
     page.locator("[data-time]").press("ArrowRight")
     assert page.evaluate("views[0].time") != 0.48
+    last = page.evaluate("(rows => (views[0].seek(rows.at(-1)[0]), rows.at(-1)))(views[0].value.flights[0].rows)")
+    assert page.inner_text(".readout").startswith(f"{last[0]:.2f} s: {last[7]:.1f} cm off, {last[8]:.1f}° tilted")
     page.click("[data-choice=platform]")
     assert page.locator("[data-time]").is_hidden()
 

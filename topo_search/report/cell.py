@@ -39,8 +39,9 @@ class View:
         return f"<3-D view of {self.title}>"
 
     def _repr_html_(self) -> str:
+        page = escape(self.html).replace("\n", "&#10;")  # one line, so that Markdown leaves it alone
         frame = 'style="width: 100%; height: 560px; border: 0" loading="lazy"'
-        return f'<iframe title="{escape(repr(self)[1:-1])}" {frame} srcdoc="{escape(self.html)}"></iframe>'
+        return f'<iframe title="{escape(repr(self)[1:-1])}" {frame} srcdoc="{page}"></iframe>'
 
 
 @dataclass(frozen=True)

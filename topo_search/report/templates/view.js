@@ -135,9 +135,9 @@ class View {
   seek(time) {
     this.time = time;
     const { rows } = this.value.flights[this.choice.number];
-    const after = Math.max(1, rows.findIndex(([at]) => at > time));
-    const [a, b] = [rows[after - 1], rows[after] ?? rows.at(-1)];
-    const share = Math.min(1, Math.max(0, (time - a[0]) / (b[0] - a[0] || 1)));
+    const before = rows.findLastIndex(([at]) => at <= time);
+    const [a, b] = [rows[before], rows[before + 1] ?? rows[before]];
+    const share = (time - a[0]) / (b[0] - a[0] || 1);
     const [, x, y, z, , , , away, tilt, input] = a.map((value, k) => value + share * (b[k] - value));
     const [from, to] = [a, b].map(([, , , , i, j, k]) => new THREE.Quaternion(i, j, k, Math.sqrt(Math.max(0, 1 - i * i - j * j - k * k))));
     const centre = new THREE.Vector3(...this.value.marks[1][1]); // of mass
