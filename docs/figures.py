@@ -470,7 +470,7 @@ def momentum(figure: Figure) -> None:
         module = Module.model_validate({"body": {"rotor_radius": 2 * MODULE.arm_length / ratio}})
         air = jets(module, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTORS.positions[None], np.ones((1, 4)))
         squares = [(wakes(air, np.column_stack([x, y, 0 * x - 2 * depth])) ** 2).sum() for depth in s]
-        thrust = 2 * math.pi * air.radius**2 * air.induced[0, 0] ** 2 * 20**2
+        thrust = 2 * math.pi * air.radii[0] ** 2 * air.induced[0, 0] ** 2 * 20**2
         axes.plot(
             s, np.array(squares) / thrust, color=colour, label=f"L/R = {ratio}, f = {module.jet_momentum:.2f}"
         )

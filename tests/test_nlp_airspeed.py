@@ -63,7 +63,7 @@ def test_both_sides_have_the_same_speeds(ratio: float) -> None:
     solved = jet_of(task.module, task.air_density, task.gravity)
     u = point.u[0] / task.module.hover_input(task.gravity)
     discs = audited.rotors.reshape(-1, 3)[rng.integers(4 * n, size=2000)]
-    axes = np.repeat(audited.axes, 4, axis=0)[rng.integers(4 * n, size=2000)]
+    axes = audited.rotor_axes.reshape(-1, 3)[rng.integers(4 * n, size=2000)]
     below = discs - rng.exponential(3, (2000, 1)) * axes + rng.normal(0, 0.5, (2000, 3))
     x = np.concatenate([rng.normal(0, 6, (2000, 3)), below])
     found = [total_speed(solved, audited.poses, audited.centres, u, at) for at in x]

@@ -346,7 +346,7 @@ BAD: dict[str, tuple[Table, str, str]] = {
     "spin": ({"rotors": [*X[:3], {**X[3], "spin": 2}]}, "module.rotors[3].spin", "2"),
     "no spin": ({"rotors": [{"position": [0.1, 0.0, 0.0]}]}, "module.rotors[0].spin", "missing"),
     "speed of the envelope": (
-        {"rotors": star(10.0), "airflow": {"speed": 3.0}, **SMALL}, "module.airflow.speed", "other than an X"
+        {"rotors": star(10.0), "airflow": {"speed": 3.0}, **SMALL}, "module.airflow.speed", "blow along"
     ),
     "tilt": ({"rotors": star(30.0), **SMALL}, "module.rotors", "30 deg"),
     "own radii": (
@@ -385,21 +385,9 @@ def test_any_connectors_need_a_module_that_half_a_turn_leaves_as_it_is() -> None
             push(3, module=module, search={"connectors": "any"})
 
 
-def test_air_speeds_of_other_rotors_are_refused_and_not_guessed() -> None:
-    region = {"kind": "local", "radius": 0.1, "speed": 3.0}
-    with pytest.raises(ValueError, match="other than an X"):
-        push(2, module={"rotors": star(10.0), **SMALL}, exposure=[region])
-    task = push(2, module={"rotors": star(10.0), **SMALL})
-    design = as_design(random_point(task, Topology.from_key("a10"), np.random.default_rng(0)))
-    assert audit(design).air is None
-    assert (
-        audit(as_design(random_point(push(2), Topology.from_key("a10"), np.random.default_rng(0)))).air is not None
-    )
-
-
 def test_what_is_not_known_of_other_rotors_is_refused_by_its_commands(tmp_path: Path) -> None:
     module = {"rotors": star(10.0), **SMALL}
     data = {"name": "t", "modules": 2, "module": module, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}]}
     (file := tmp_path / "t.toml").write_text(to_toml(validate(Task, data, "t")))
     for words in (("airflow", file, "--speed", "3"), ("run", file, "--prove", "0.1", "--out", tmp_path / "run")):
-        assert "module.rotors: must be" in refused(*words)
+        assert "module.rotors: must" in refused(*words)

@@ -22,10 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Array, Indices
-from verify.bodies import ConeSphere, clearances
+from verify.bodies import Array, ConeSphere, clearances
 from verify.gjk import least_weights
-from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, Indices
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,28 +4,30 @@ r"""Air speed of a module at a point, with derivatives, and the fastest air of a
 |---|---|---|---|
 | q | the point from the module, in its frame | (3,) | l_arm |
 | u | inputs of the module | (r,) | u_hover |
-| v_0 | induced speed of a disc at u_hover | | m/s |
-| C | max(G, H), a factor for each of r rotors | (r,) | |
+| v_0 | induced speed of a disc of the module's radius with its k_f at u_hover | | m/s |
+| C | w_q max(G_q, H_q) for each of r rotors; w_q = v_q^2 / (v_0^2 u_q), 1 if all are equal | (r,) | |
 | U | speed of the air, v_0 sqrt(C . u) | | m/s |
 | epsilon | width over which kinks are rounded | | - |
-| v_q | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)) | | m/s |
-| s, r | depth below the module, distance from its axis | | 2 l_arm, l_arm |
-| z, r_q, d_q | depth in l_arm; distance from rotor q's axis; from its disc | | l_arm |
+| v_q, R | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)), with its k_f and radius | | m/s, l_arm |
+| L | distance of opposite rotors, twice `RotorTable.jet_radii` | | l_arm |
+| s, r | depth below the module, distance from its axis | | L, l_arm |
+| z, r_q, d_q | depth below disc q along its axis; distance from that axis; from the disc | | l_arm |
 | c, M | share and speed of the merged jets (Bauersfeld et al., arXiv 2403.13321) | | |
+| a_q | share of disc q in the area of all | | |
 | S_q | speed of a disc's own slipstream (momentum theory with a shear layer) over v_q | | |
 | delta, r_2 | half-width of its shear layer, its outer radius | | l_arm |
 | H_q | flow towards the discs | | |
 | D, s_0, b | `module.airflow.jet` | | |
 
-Lengths are in l_arm; s = depth / 2, in distances of opposite rotors. The square of a module's air speed is linear
-in its inputs:
+The square of a module's air speed is linear in its inputs. Rotors with an envelope of their own
+(`RotorTable.has_own_jets`) do not merge: each has its M along its own axis, a_q = 1 and L = 2 R.
 
 .. math::
 
-    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + \tfrac{c}{r} M^2,
+    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + c a_q M^2,
         \quad H_q = k_q \sum_p k_p, \quad k_q = (1 + \sqrt 2 d_q / R)^{-2} \\
     M &= \frac{D}{s' + s_0} \big(1 + (\sqrt 2 - 1) \tfrac{r^2}{r_h^2}\big)^{-2},
-        \quad c = \tfrac{s - 1}{1.5} \in [0, 1], \quad s' = \max(s, 2.5), \quad r_h = 2 b (s' + s_0) \\
+        \quad c = \tfrac{s - 1}{1.5} \in [0, 1], \quad s' = \max(s, 2.5), \quad r_h = L b (s' + s_0) \\
     S_q &= g\,\tfrac{r_2 - r_q}{2 \delta}, \quad \tfrac{r_2 - r_q}{2 \delta} \in [0, 1],
         \quad g = 1 + z / \sqrt{R^2 + z^2}, \quad \delta = 0.1 (z + R), \quad a = R^2 / g \\
     r_2 &= \tfrac43 \delta + \sqrt{a - \tfrac29 \delta^2} \text{ if } a \ge \tfrac23 \delta^2,
@@ -59,9 +61,9 @@ class JetRounding(NamedTuple):
     """Constants of the jet model and its differences."""
 
     merged_at: float = 2.5
-    """Depth at which the jets of a module have merged [2 l_arm]."""
+    """Depth at which the jets of a module have merged [L]."""
     merges_over: float = 1.5
-    """Range of depth before that over which they merge [2 l_arm]."""
+    """Range of depth before that over which they merge [L]."""
     shear: float = 0.1
     """Growth of the shear layer's half-width per depth."""
     idle: float = 1e-6
@@ -112,23 +114,28 @@ class JetConstants(NamedTuple):
     """s_0."""
     half_width: float
     """b."""
-    radius: float
-    """R [l_arm]."""
     induced: float
-    """Induced speed of a disc at u_hover [m/s]."""
-    discs: Array
-    """Positions of the discs in the module's plane, shape (r, 2) [l_arm]."""
+    """v_0 [m/s]."""
+    rotors: Array
+    """Rows of the rotors, with the columns below, shape (r, 16): passing one array is faster than eight."""
+
+
+DISC, AXIS, START, AGAINST = 0, 3, 6, 9
+"""First columns of vectors: position of a disc, direction of its thrust; start of its merged jet, direction against
+it [l_arm]."""
+RADIUS, WEIGHT, SHARE, DIAMETER = 12, 13, 14, 15
+"""Columns of R [l_arm], w_q, a_q, L [l_arm]."""
 
 
 def jet_of(module: Module, density: float, gravity: float) -> JetConstants:
     """Return a module's jet in air of some density [kg/m^3]."""
-    jet, disc = module.airflow.jet, math.pi * module.body.rotor_radius**2
+    jet, disc, table = module.airflow.jet, math.pi * module.body.rotor_radius**2, module.rotor_table
     induced = math.sqrt(module.thrust_coefficient * module.hover_input(gravity) / (2 * density * disc))
-    discs, R = (
-        np.ascontiguousarray(module.rotor_table.positions[:, :2]),
-        module.body.rotor_radius / module.arm_length,
-    )
-    return JetConstants(jet.decay, jet.origin, jet.half_width, R, induced, discs)
+    radii = module.rotor_radii / module.arm_length
+    shares = np.ones(table.count) if table.has_own_jets else radii**2 / (radii**2).sum()
+    numbers = radii, table.gains / table.sizes**2, shares, 2 * table.jet_radii(radii)
+    rotors = np.column_stack([table.positions, table.axes, *table.jet_axes, *numbers])
+    return JetConstants(jet.decay, jet.origin, jet.half_width, induced, rotors)
 
 
 @njit(cache=True)
@@ -147,11 +154,23 @@ def clip(t: float, epsilon: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def merged_jets(jet: JetConstants, q: Array, S: float) -> tuple[float, float, float]:
-    """Return the speed of merged jets over U_H, and the curvature and value of their profile; S is s' + s_0."""
-    curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
-    profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
+def merged_jet(jet: JetConstants, L: float, S: float, across: float) -> tuple[float, float, float]:
+    """Return M at the square of a distance from the axis, with the curvature and value of its profile.
+
+    S is s' + s_0.
+    """
+    curve = (math.sqrt(2) - 1) / (L * jet.half_width * S) ** 2
+    profile = 1 + curve * across
     return jet.decay / S / profile**2, curve, profile
+
+
+@njit(cache=True)
+def depth_below(rotors: Array, k: int, start: int, axis: int, q: Array) -> tuple[float, tuple[float, float, float]]:
+    """Return the depth of q below a start of rotor k along an axis, both columns, and its offset from that axis."""
+    x, y, up = q[0] - rotors[k, start], q[1] - rotors[k, start + 1], q[2] - rotors[k, start + 2]
+    a, b, c = rotors[k, axis], rotors[k, axis + 1], rotors[k, axis + 2]
+    z = -(x * a + y * b + up * c)
+    return z, (x + z * a, y + z * b, up + z * c)
 
 
 @njit(cache=True)
@@ -165,11 +184,10 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
         C: output, shape (r,).
         dC: output: derivatives of C by q, shape (r, 3); empty: none are computed.
     """
-    R, z, discs = jet.radius, -q[2], jet.discs
-    k_total, x_total, y_total, z_total = 0.0, 0.0, 0.0, 0.0
-    for k in range(len(discs)):  # inflow, before it is multiplied by its sum
-        x, y = q[0] - discs[k, 0], q[1] - discs[k, 1]
-        r = math.sqrt(x * x + y * y + 1e-12)
+    rotors, k_total, x_total, y_total, z_total = jet.rotors, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(C)):  # inflow, before it is multiplied by its sum
+        R, (z, w) = rotors[k, RADIUS], depth_below(rotors, k, DISC, AXIS, q)
+        r = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + 1e-12)
         beyond, beyond_r = larger(r - R, 0.0, epsilon)
         d = math.sqrt(beyond * beyond + z * z + 1e-12)
         C[k] = 1 / (1 + math.sqrt(2) * d / R) ** 2
@@ -177,52 +195,68 @@ def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Arra
         if len(dC):
             by_d = -2 * math.sqrt(2) / R * C[k] / (1 + math.sqrt(2) * d / R)
             by_r = by_d * beyond * beyond_r / d
-            dC[k, 0], dC[k, 1], dC[k, 2] = by_r * x / r, by_r * y / r, -by_d * z / d
+            for a in range(3):
+                dC[k, a] = by_r * w[a] / r - by_d * z / d * rotors[k, AXIS + a]
             x_total, y_total, z_total = x_total + dC[k, 0], y_total + dC[k, 1], z_total + dC[k, 2]
 
-    unmerged = (JETS.merged_at - z / 2) / JETS.merges_over
-    share, share_t = clip(1 - unmerged, epsilon)
-    own_share, own_share_t = clip(unmerged, epsilon)
-    share_z, own_share_z = share_t / (2 * JETS.merges_over), -own_share_t / (2 * JETS.merges_over)
-    S, S_s = larger(z / 2, JETS.merged_at, epsilon)
-    S += jet.origin
-    merged, curve, profile = merged_jets(jet, q, S)
-    far = share * merged * merged / len(discs)
-    far_x, far_y = -8 * far * curve / profile * q[0], -8 * far * curve / profile * q[1]
-    far_z = share_z * merged * merged / len(discs) + far * S_s / S * (4 * (profile - 1) / profile - 1)
-
-    below, below_z = larger(z, 0.0, epsilon)
-    below_disc, below_disc_z = clip(1 + z / epsilon, epsilon)
-    root = math.sqrt(R * R + below * below)
-    g, g_z = 1 + below / root, R * R / root**3 * below_z
-    delta, delta_z, area = JETS.shear * (below + R), JETS.shear * below_z, R * R / g
-    if area >= 2 / 3 * delta * delta:
-        core = math.sqrt(area - 2 / 9 * delta * delta)
-        outer, by_delta, by_area = 4 / 3 * delta + core, 4 / 3 - 2 / 9 * delta / core, 1 / (2 * core)
-    else:
-        outer = (24 * delta * delta * area) ** 0.25
-        by_delta, by_area = outer / (2 * delta), outer / (4 * area)
-    outer_z = by_delta * delta_z - by_area * area * g_z / g
-    fade = own_share * below_disc
-    fade_z = own_share * below_disc_z / epsilon + own_share_z * below_disc
-    for k in range(len(discs)):
-        x, y = q[0] - discs[k, 0], q[1] - discs[k, 1]
-        r = math.sqrt(x * x + y * y + 1e-12)
+    by_total, by_far = (x_total, y_total, z_total), (0.0, 0.0, 0.0)
+    far, fade, fade_s, g, g_z, delta, delta_z, outer, outer_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    last_z, last_R, L, below_disc, below_disc_z = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(C)):
+        if k == 0 or rotors[k, SHARE] == 1.0:
+            L = rotors[k, DIAMETER]
+            depth, across = depth_below(rotors, k, START, AGAINST, q)
+            s = depth / L
+            unmerged = (JETS.merged_at - s) / JETS.merges_over
+            share, share_t = clip(1 - unmerged, epsilon)
+            fade, own_share_t = clip(unmerged, epsilon)
+            fade_s = -own_share_t / JETS.merges_over
+            S, S_s = larger(s, JETS.merged_at, epsilon)
+            S += jet.origin
+            merged, curve, profile = merged_jet(jet, L, S, across[0] ** 2 + across[1] ** 2 + across[2] ** 2)
+            far = share * merged * merged
+            far_s = share_t / JETS.merges_over * merged * merged + far * S_s / S * (8 * (profile - 1) / profile - 2)
+            aside, down = -8 * far * curve / profile, -far_s / L
+            by_far = (
+                aside * across[0] + down * rotors[k, AGAINST + 0],
+                aside * across[1] + down * rotors[k, AGAINST + 1],
+                aside * across[2] + down * rotors[k, AGAINST + 2],
+            )
+        R, (z, w) = rotors[k, RADIUS], depth_below(rotors, k, DISC, AXIS, q)
+        r = math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2] + 1e-12)
+        if k == 0 or z != last_z or last_R != R:  # alike for the parallel rotors of most modules
+            last_z, last_R, (below_disc, below_disc_z) = z, R, clip(1 + z / epsilon, epsilon)
+            below, below_z = larger(z, 0.0, epsilon)
+            root = math.sqrt(R * R + below * below)
+            g, g_z = 1 + below / root, R * R / root**3 * below_z
+            delta, delta_z, area = JETS.shear * (below + R), JETS.shear * below_z, R * R / g
+            if area >= 2 / 3 * delta * delta:
+                core = math.sqrt(area - 2 / 9 * delta * delta)
+                outer, by_delta, by_area = 4 / 3 * delta + core, 4 / 3 - 2 / 9 * delta / core, 1 / (2 * core)
+            else:
+                outer = (24 * delta * delta * area) ** 0.25
+                by_delta, by_area = outer / (2 * delta), outer / (4 * area)
+            outer_z = by_delta * delta_z - by_area * area * g_z / g
         t = (outer - r) / (2 * delta)
         inside, by_t = clip(t, epsilon)
-        jet_k, inflow_k = fade * (g * inside) ** 2 + far, C[k] * k_total
+        stream = (g * inside) ** 2
+        jet_k, inflow_k = fade * below_disc * stream + rotors[k, SHARE] * far, C[k] * k_total
         rounded = max(jet_k, inflow_k)
         if epsilon > SHARP:
             rounded *= math.sqrt(math.sqrt((jet_k / rounded) ** 4 + (inflow_k / rounded) ** 4))
+        weight = rotors[k, WEIGHT]
         if len(dC):
-            by_jet, by_inflow = (jet_k / rounded) ** 3, (inflow_k / rounded) ** 3
-            by_r = -2 * fade * g * g * inside * by_t / (2 * delta)
+            by_jet, by_inflow = weight * (jet_k / rounded) ** 3, weight * (inflow_k / rounded) ** 3
+            by_inside = 2 * fade * below_disc * g * inside
+            by_r = -by_inside * g * by_t / (2 * delta)
             t_z = outer_z / (2 * delta) - t * delta_z / delta
-            by_z = fade_z * (g * inside) ** 2 + 2 * fade * g * inside * (g_z * inside + g * by_t * t_z)
-            dC[k, 0] = by_inflow * (dC[k, 0] * k_total + C[k] * x_total) + by_jet * (far_x + by_r * x / r)
-            dC[k, 1] = by_inflow * (dC[k, 1] * k_total + C[k] * y_total) + by_jet * (far_y + by_r * y / r)
-            dC[k, 2] = by_inflow * (dC[k, 2] * k_total + C[k] * z_total) - by_jet * (far_z + by_z)
-        C[k] = rounded
+            by_z = fade * below_disc_z / epsilon * stream + by_inside * (g_z * inside + g * by_t * t_z)
+            by_s = fade_s * below_disc * stream / L
+            for a in range(3):
+                by_jet_a = by_r * w[a] / r - by_z * rotors[k, AXIS + a] - by_s * rotors[k, AGAINST + a]
+                by_jet_a += rotors[k, SHARE] * by_far[a]
+                dC[k, a] = by_inflow * (dC[k, a] * k_total + C[k] * by_total[a]) + by_jet * by_jet_a
+        C[k] = weight * rounded
 
 
 @njit(cache=True)
@@ -377,7 +411,7 @@ def total_speed(jet: JetConstants, R: Array, p: Array, u: Array, x: Array) -> fl
         u: inputs, shape (n, r) [u_hover].
         x: the point, shape (3,) [l_arm].
     """
-    q, C, no_dC, total = np.empty(3), np.empty(len(jet.discs)), np.empty((0, 3)), 0.0
+    q, C, no_dC, total = np.empty(3), np.empty(len(jet.rotors)), np.empty((0, 3)), 0.0
     for i in range(len(p)):
         for k in range(3):
             q[k] = R[i, 0, k] * (x[0] - p[i, 0]) + R[i, 1, k] * (x[1] - p[i, 1]) + R[i, 2, k] * (x[2] - p[i, 2])
@@ -412,13 +446,13 @@ def climb(
     n = len(p)
     maxima, x, best, no_slopes = np.full((n, 4), -1.0), np.empty(3), np.empty(3), np.empty((0, 3))
     for i in range(n):
-        for disc in range(len(jet.discs) + 1):
+        for disc in range(len(jet.rotors) + 1):
             best_own = 0.0
             for depth in depths:
                 for a in range(3):
-                    x[a] = p[i, a] - depth * R[i, a, 2]
-                    if disc < len(jet.discs):
-                        x[a] += jet.discs[disc, 0] * R[i, a, 0] + jet.discs[disc, 1] * R[i, a, 1]
+                    x[a] = p[i, a] - (depth * R[i, a, 2] if disc == len(jet.rotors) else 0.0)
+                    for b in range(3 if disc < len(jet.rotors) else 0):
+                        x[a] += R[i, a, b] * (jet.rotors[disc, DISC + b] - depth * jet.rotors[disc, AXIS + b])
                 if project_inside(region, x, no_slopes):
                     own_speed = total_speed(jet, R[i : i + 1], p[i : i + 1], u[i : i + 1], x)
                     if own_speed > best_own:

@@ -17,10 +17,11 @@ import numpy as np
 
 from nlp.air.fastest import TARGET_SHARE, SpeedPoint
 from nlp.air.jets import JETS, ROUNDED, JetConstants, curvature, find_factors, jet_of, point_of_ball, speed
+from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.compiled_code import njit
-from topo_search.model import Array, Indices, ResolvedTask
+from topo_search.model import Array, ResolvedTask
 
 VECTORS = (FROM_TIP, X_I, Y_I, Z_I, LocalVector(PlatformVector("p", 1), TIP), Z_J)
 """y."""
@@ -42,7 +43,7 @@ class SpeedRows:
         ]
         self._numbers = np.repeat(numbers, n, axis=0)
         module = n * np.repeat([point.case for point in points], n) + i
-        self._inputs = len(self._jet.discs) * module[:, None] + np.arange(len(self._jet.discs))
+        self._inputs = len(self._jet.rotors) * module[:, None] + np.arange(len(self._jet.rotors))
         x = np.concatenate([np.tile(np.arange(g), (m * n, 1)), g + self._inputs], axis=1)
         self._rows, self._upper = np.repeat(np.arange(m), n), np.triu_indices(x.shape[1])
         first, second = self._upper
@@ -82,7 +83,7 @@ class SpeedRows:
 
     def _chain(self) -> Array:
         """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + r, 18 + r)."""
-        dV, g, r = self._program.platform.dV, self._program.g, len(self._jet.discs)
+        dV, g, r = self._program.platform.dV, self._program.g, len(self._jet.rotors)
         dy = np.zeros((len(self._rows), g + r, 18 + r))
         dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).transpose(0, 2, 1, 3).reshape(-1, g, 18)
         dy[:, g:, 18:] = np.eye(r)

@@ -3,7 +3,7 @@ r"""Lower bounds on air speed, wherever the modules are: rotors draw air in from
 | symbol | meaning | unit |
 |---|---|---|
 | F | size of the force of a load case | N |
-| T_max | largest thrust of a rotor | N |
+| T_max | largest thrust of the rotor of which this is least | N |
 | D | largest distance of a rotor's centre from some point of the region | m |
 | R, rho | radius of a rotor; density of air | m; kg/m^3 |
 
@@ -33,15 +33,16 @@ def refute_airspeed(task: ResolvedTask) -> refutation.Refutation | None:
     if rotor_distance is None:
         return None
     forces = least_force_norms(task)
-    k, R = int(np.argmax(forces)), task.module.body.rotor_radius
-    max_thrust = (refutation.largest_thrust(task) + refutation.tolerated_thrust(task)) / task.rotor_count
+    k, R, module = int(np.argmax(forces)), task.module.rotor_radii, task.module
+    inputs = task.max_input * module.input_shares(task.gravity) + TOLERANCE * module.max_input(task.gravity)
+    max_thrusts = module.thrust_coefficient * module.rotor_table.gains * inputs
     force = float(forces[k]) - refutation.tolerated_force(task)
-    induced = force / math.sqrt(max_thrust * 2 * task.air_density * math.pi * R**2)
+    induced = force / np.sqrt(max_thrusts * 2 * task.air_density * math.pi * R**2)
     for e, region in enumerate(task.exposure):
         if region.speed is None:
             continue
         distance = rotor_distance + min(shape.distance for shape in region.shapes)
-        airspeed = induced / (1 + math.sqrt(2) * distance / R) ** 2
+        airspeed = float((induced / (1 + math.sqrt(2) * distance / R) ** 2).min())
         if airspeed > region.speed:
             airspeed_text, limit_text = excess_texts(airspeed, region.speed)
             return refutation.Refutation(

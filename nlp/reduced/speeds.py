@@ -33,12 +33,12 @@ from nlp.air import jets
 from nlp.air.search_rows import Speeds
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
-from nlp.reduced.arrays import ReducedProblem
+from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, limit, rotor_wrenches
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.compiled_code import njit
-from topo_search.model import Array, Flags
+from topo_search.model.arrays import Array
 
 
 class RowLimits(NamedTuple):
@@ -76,7 +76,7 @@ def _speed_rows(
     u: Array,
     g: Array,
     J: Array,
-    is_near: Flags,
+    is_near: Mask,
 ) -> None:
     """Compute the rows of air speeds, the last ones of g, and their Jacobian.
 
@@ -195,7 +195,7 @@ def _find_fastest_point(
         x: output: the point from p'_E, shape (3,).
         slopes: output: derivatives of x by p, by the module's axis and by the region's axis, shape (3, 9).
     """
-    discs = len(jet.discs)
+    discs = len(jet.rotors)
     q, C, u, best_speed, best_depth = np.empty(3), np.empty(discs), np.ones(discs), -1.0, 0.0
     no_slopes, no_dC, no_input_slopes = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
     for depth in ROWS.depths:
@@ -205,9 +205,10 @@ def _find_fastest_point(
             continue
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
-        if q[2] < -2 * jets.JETS.merged_at:  # only the merged jets matter there
-            merged, _, _ = jets.merged_jets(jet, q, jet.origin - q[2] / 2)
-            own_speed = jet.induced * merged
+        L = jet.rotors[0, jets.DIAMETER]
+        if jet.rotors[0, jets.SHARE] < 1.0 and q[2] < -jets.JETS.merged_at * L:  # only the merged jet counts
+            S = jet.origin - q[2] / L
+            own_speed = jet.induced * jets.merged_jet(jet, L, S, q[0] * q[0] + q[1] * q[1])[0]
         else:
             jets.find_factors(jet, q, jets.SHARP, C, no_dC)
             own_speed = jets.speed(jet, C, no_dC, u, no_input_slopes)

@@ -29,7 +29,6 @@ from topo_search.report.wording import figures, quantity
 from topo_search.simulation.result import FlightResult, ScenarioResult
 from topo_search.study import Request
 from topo_search.study.answer import quotient_remark
-from verify.air.envelope import envelope_air
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def airflow(task: Task | str | Path | None = None, *, speed: float, at: float | 
         at: thrust of the module: "hover", "full", or its multiple of the module's weight.
 
     Raises:
-        BadInput: no air is that fast, the module has other rotors than an X, or the thrust is out of range.
+        BadInput: no air is that fast, rotors are tilted, or the thrust is out of range.
 
     Example:
         >>> from topo_search import airflow
@@ -146,12 +145,14 @@ def airflow(task: Task | str | Path | None = None, *, speed: float, at: float | 
     if task is not None:
         named = enclose_speed(task if isinstance(task, Task) else read_task(task))
         module, density, gravity = named.module, named.air_density, named.gravity
-        if not module.rotor_table.is_x:
-            rule = "must be an X for air speeds: the jet model was measured for that"
+        if not module.rotor_table.is_parallel:
+            rule = "must blow along the module's axis for the envelope of a speed"
             raise BadInput(named.name if isinstance(task, Task) else str(task), [Fault("module.rotors", rule)])
     if not speed >= 1e-6:
         raise BadInput("--speed", f"must be at least 1e-06 m/s, but got {speed}")
     ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
+    from verify.air.envelope import envelope_air
+
     smallest = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
     thrust = ratio * module.mass * gravity
     return ModuleAir(speed, ratio, thrust, smallest, envelope_air(module, density, thrust))
@@ -260,6 +261,8 @@ def _requirements(task: Task, *, plausible: bool) -> Iterator[tuple[str, Iterabl
     first, *larger = (task.resolve(n) for n in task.sizes)
     yield from facts(first, *larger)
     if plausible and any(exposure.geometry for exposure in first.exposure):
+        from verify.air.envelope import envelope_air
+
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
         yield "air of one module in hover, on its envelope for regions: at most", speeds

@@ -10,7 +10,7 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from topo_search.model import Array, BadInput, Design, Fault
+from topo_search.model import Array, BadInput, Design
 from topo_search.model.proven import upper_text
 from verify.air.bound import case_jets
 from verify.air.jets import speeds
@@ -24,7 +24,7 @@ AROUND, BELOW = 0.5, 2.0
 class AirField(NamedTuple):
     """Air speeds of a design on a grid, from the root's centre in the axes of the task."""
 
-    origin: Array
+    origin: NDArray[np.float64]
     """First point of the grid, shape (3,) [m]."""
     step: float
     """Grid spacing [m]."""
@@ -90,9 +90,6 @@ class _Air:
     """The jets of a design in all load cases, and the box around them."""
 
     def __init__(self, design: Design) -> None:
-        if not design.task.module.rotor_table.is_x:
-            rule = "must be an X for air speeds: the jet model was measured for that"
-            raise BadInput(design.task.name, [Fault("module.rotors", rule)])
         poses = platform(design)
         scene = Scene(design, poses)
         p, z, self._l_arm = poses.p, poses.z, scene.l_arm

@@ -255,8 +255,9 @@ class Module(Value):
         >>> round(Module().jet_momentum, 3)
         0.968
         """
-        jet, L_over_R = self.airflow.jet, 2 * self.arm_length / self.body.rotor_radius
-        return (jet.decay * jet.half_width * L_over_R) ** 2 / (24 * (math.sqrt(2) - 1))
+        jet, rotors, radii = self.airflow.jet, self.rotor_table, self.rotor_radii / self.arm_length
+        L, area = 2 * rotors.jet_radii(radii)[0], radii[0] ** 2 if rotors.has_own_jets else (radii**2).sum()
+        return float((jet.decay * jet.half_width * L) ** 2 / area / (6 * (math.sqrt(2) - 1)))
 
     def ideal_power(self, density: float) -> float:
         """Return the power of an ideal rotor with the thrust of a rotor at 1 rad/s, for an air density [W]."""

@@ -50,8 +50,8 @@ def _broken_table(module: Module) -> Broken:
         along = show([round(x, 4) for x in (mean / np.linalg.norm(mean)).tolist()])
         text = f"the sum of all axes, as unit vectors, must point along z, but points along {along}"
         yield ("module", "rotors"), text
-    if module.airflow.speed is not None and not table.is_x:
-        rule = "must be left out with rotors other than an X: the jet model was measured for that"
+    if module.airflow.speed is not None and not table.is_parallel:
+        rule = "must be left out unless all rotors blow along the module's axis"
         yield ("module", "airflow", "speed"), f"{rule}, but got {module.airflow.speed:g}"
 
 
@@ -65,10 +65,6 @@ def _broken_connectors(task: Task) -> Broken:
 def _broken_air(task: Task) -> Broken:
     """Yield what is not known of the air of a module's own table of rotors."""
     rotors, tilt_deg = task.module.rotor_table, math.degrees(task.module.rotor_table.tilt)
-    if not rotors.is_x:
-        rule = "must be left out with rotors other than an X: the jet model was measured for that"
-        limited = ((e, region.speed) for e, region in enumerate(task.exposure) if region.speed is not None)
-        yield from ((("exposure", e, "speed"), f"{rule}, but got {speed:g}") for e, speed in limited)
     if rotors.has_own_jets and task.search.interference != "separation":
         rule = f"axes must be within {MOST_TILT_DEG:g} deg of the module's unless search.interference is"
         yield ("module", "rotors"), f'{rule} "separation", which checks no airflow, but got {tilt_deg:.4g} deg'

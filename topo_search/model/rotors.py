@@ -20,8 +20,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from topo_search.model.arrays import PORT_DIRECTIONS, Array, Indices, read_only
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
 from topo_search.model.kinds import Omitted, Positive, Vector
 from topo_search.model.value import Broken, Value
 
@@ -138,11 +139,36 @@ class RotorTable:
         """True if each rotor has an airflow envelope of its own."""
         return math.degrees(self.tilt) > MOST_TILT_DEG
 
+    @property
+    def jet_axes(self) -> tuple[Array, Array]:
+        """Where the jet of each rotor starts far below, and the direction against it, shape (r, 3) each [l_arm].
+
+        The rotors of a module have one jet, about its axis, unless each has its own.
+        """
+        if self.has_own_jets:
+            return np.ascontiguousarray(self.positions), np.ascontiguousarray(self.axes)
+        return np.zeros((self.count, 3)), np.tile(UP, (self.count, 1))
+
+    def jet_radii(self, radii: Array) -> Array:
+        """Return half the distance of opposite rotors, at least a radius, for the jet of each rotor, shape (r,).
+
+        A jet's width far below is in these units. That of a rotor with its own jet is in radii.
+
+        Args:
+            radii: of the discs, shape (r,), in the unit of the result, l_arm.
+        """
+        return radii if self.has_own_jets else np.full(self.count, max(self.span, float(radii.max())))
+
     def is_same_as(self, other: RotorTable) -> bool:
         """Return whether both have the same rotors in the same order."""
         tables = (self, other)
         mine, its = (np.column_stack([part.positions, part.axes, part.drags, part.kinds]) for part in tables)
         return mine.shape == its.shape and bool(np.abs(mine - its).max() <= SAME)
+
+    @property
+    def is_parallel(self) -> bool:
+        """True if all rotors blow along the module's axis."""
+        return self.tilt <= X_ERROR
 
     @property
     def is_x(self) -> bool:
@@ -151,7 +177,8 @@ class RotorTable:
         return (
             self.count == X.count
             and self.is_uniform
-            and bool(np.allclose(self.positions, X.positions, rtol=0.0, atol=X_ERROR) and self.tilt <= X_ERROR)
+            and self.is_parallel
+            and bool(np.allclose(self.positions, X.positions, rtol=0.0, atol=X_ERROR))
         )
 
     @property
@@ -168,7 +195,7 @@ class RotorTable:
         kinds = self.kinds - self.kinds[images]
         return all(bool(np.abs(part).max() <= SAME) for part in (moved, turned, same_spins, kinds))
 
-    def images(self, Q: Array) -> Indices:
+    def images(self, Q: Array) -> NDArray[np.intp]:
         """Return the rotor that each one falls on if the module is turned or mirrored by Q, shape (r,)."""
         moved = self.positions @ Q.T
         return np.asarray(np.linalg.norm(moved[:, None] - self.positions, axis=2).argmin(axis=1))

@@ -26,8 +26,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from topo_search.model.arrays import Indices
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -226,7 +225,7 @@ class Topology:
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in occupied)
 
     @cached_property
-    def distances(self) -> Indices:
+    def distances(self) -> NDArray[np.int_]:
         """Number of joints between any two modules in the tree, shape (n, n)."""
         distances = np.zeros((self.n, self.n), dtype=int)
         for i in range(1, self.n):

@@ -89,8 +89,7 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
             yield "control effort", "of squared inputs, which is then not that of squared thrusts"
     kept = "" if 0.9 <= module.jet_momentum <= 1.1 else "; a jet that keeps its momentum has 0.9 to 1.1"
     jet = f"{figures(module.jet_momentum, 3)} of the thrust far below, by airflow.jet{kept}"
-    measured = module.rotor_table.is_x
-    yield ("momentum of the jet", jet if measured else "unknown, as are air speeds: it was measured for an X")
+    yield "momentum of the jet", jet if module.rotor_table.is_x else f"{jet}; it was measured for an X"
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
     yield "rotor tip speed", "{} m/s at hover, {} m/s at full thrust".format(*tips)
     if module.min_input:

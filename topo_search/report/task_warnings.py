@@ -34,13 +34,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topo_search.limits import quantity
-from topo_search.model import Module, Task, task_file
+from topo_search.model import task_file
 from topo_search.model.body import OUTWARDS, Body
 from topo_search.model.folds import folds_text
 from topo_search.model.load_case import LoadCase, objects
+from topo_search.model.module import Module
 from topo_search.model.placement import blocks
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width, rotor_reach
+from topo_search.model.task import Task
 from topo_search.model.value import Value, show
 
 
@@ -236,7 +238,7 @@ def _rotor(task: Task) -> Doubts:
         )
     if not 0.05 <= (C_T := module.propeller_coefficient(task.air_density)) <= 0.2:
         yield "module.thrust_coefficient", f"C_T {rotors} is {C_T:.3g}, usual are 0.05 to 0.2"
-    if module.rotor_table.is_x and not 0.5 <= module.jet_momentum <= 2:
+    if not 0.5 <= module.jet_momentum <= 2:
         yield (
             "module.airflow.jet",
             f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {rotors}, which should be near "

@@ -34,8 +34,8 @@ from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, poses_to_draw, towards_viewer
 from topo_search.export.solids import cylinder, join
 from topo_search.limits import vector as vector_text
-from topo_search.model import Array, Assembly, Audit, Design, Indices, LoadCase
-from topo_search.model.mesh import Mesh, rotation_to
+from topo_search.model import Array, Assembly, Audit, Design, LoadCase
+from topo_search.model.mesh import Indices, Mesh, rotation_to
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
@@ -141,7 +141,7 @@ def view(
         "marks": [["tip", poses.end_effector.round(6).tolist()], ["centre of mass", poses.p_com.round(6).tolist()]],
         "modules": _modules(design, poses, audit),
         "throttle": (design.inputs / design.task.module.max_inputs(design.task.gravity)).round(6).tolist(),
-        "air": _air(design) if design.task.module.rotor_table.is_x else None,
+        "air": _air(design),
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
@@ -152,14 +152,28 @@ def view(
 
 def _air(design: Design) -> dict[str, Any]:
     """Return the parameters from which the script computes air speeds, besides poses and throttles [m, m/s]."""
-    module = design.task.module
-    u_max, I = module.max_input(design.task.gravity), np.eye(3)[None]
-    full = jets(module, design.task.air_density, np.zeros((1, 3)), I, I, np.array([[u_max]]))
+    module, l_arm = design.task.module, design.task.module.arm_length
+    table, I = module.rotor_table, np.eye(3)[None]
+    rotors, u_max = table.positions[None], np.full((1, table.count), module.max_input(design.task.gravity))
+    full = jets(module, design.task.air_density, np.zeros((1, 3)), I, rotors, u_max)
+    starts, axes = table.jet_axes
+    by_rotor = zip(l_arm * table.positions, table.axes, l_arm * starts, axes, strict=True)
+    sizes = zip(module.rotor_radii, full.induced[0], np.broadcast_to(full.shares, table.count), strict=True)
+    diameters = np.broadcast_to(l_arm * full.diameters, table.count)
     return {
-        "full": float(full.induced[0, 0]),
-        "rotors": (module.arm_length * module.rotor_table.positions[:, :2]).round(6).tolist(),
-        "radius": module.body.rotor_radius,
-        "diameter": MODEL.diameter * module.arm_length,
+        "rotors": [
+            {
+                "at": at.round(6).tolist(),
+                "axis": axis.tolist(),
+                "radius": float(radius),
+                "full": float(speed),
+                "share": float(share),
+                "merged": {"at": start.round(6).tolist(), "axis": along.tolist(), "diameter": float(diameter)},
+            }
+            for (at, axis, start, along), (radius, speed, share), diameter in zip(
+                by_rotor, sizes, diameters, strict=True
+            )
+        ],
         "merged": MODEL.merged_at,
         "merges": MODEL.merges_over,
         "shear": MODEL.shear,

@@ -65,7 +65,8 @@ def worst_wakes(design: Design) -> tuple[float, ...]:
     """Return W of each rotor, in the wakes of its worst load case [N]."""
     module, density = design.task.module, design.task.air_density
     V = np.max([ingested_wakes(jets)[1].ravel() for _, jets in case_jets(Scene(design))], axis=0)
-    return tuple((2 * density * math.pi * (module.body.rotor_radius * module.wake_loss * V) ** 2).tolist())
+    radii = np.tile(module.rotor_radii, design.topology.n)
+    return tuple((2 * density * math.pi * (radii * module.wake_loss * V) ** 2).tolist())
 
 
 def hover_losses(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, float]:
@@ -127,7 +128,7 @@ def fly_all(
     """
     model = nominal(design)
     _require_hover(design, model)
-    wakes = worst_wakes(design) if options.wake and design.task.module.rotor_table.is_x else ()
+    wakes = worst_wakes(design) if options.wake else ()
     options = replace(options, errors=replace(options.errors, wakes=wakes))
     force, d = model.hover.weakest_force()
     rotor, out = hardest_rotor(model), static_failures(model, design.task.flight.rotor_out_torque)

@@ -22,11 +22,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from topo_search.model import Array, Module, Residual, Status
+from topo_search.model import Module, Residual, Status
 from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
-from verify.bodies import AllowedCone, ConeSphere, ball, nearest_on_axis
+from verify.bodies import AllowedCone, Array, ConeSphere, ball, basis_across, nearest_on_axis
 from verify.certificate import RoundBody
 from verify.hulls import HullBody
 from verify.meshes import LARGEST_COORDINATE
@@ -129,8 +129,8 @@ def _first_cubes(air: Jets, region: RoundBody | AllowedCone | HullBody) -> tuple
 
 def _relevant_distance(air: Jets, region: AllowedCone) -> float:
     """Return a distance from the apex beyond which no speed exceeds one sampled within it."""
-    distance = (
-        4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MODEL.merged_at * MODEL.diameter
+    distance = 4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MODEL.merged_at * float(
+        air.diameters.max()
     )
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
@@ -143,17 +143,20 @@ def _relevant_distance(air: Jets, region: AllowedCone) -> float:
 def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     """Return an upper bound on the sum of speeds at all points farther from x than a distance.
 
-    Such a point is at least D away from each module, where the slipstreams of single rotors have ended. The far
-    field is bounded in slices of depth, cut at equal angles to the jet's axis, and below D by its speed there.
+    Such a point is at least D away from where the merged jet of each module, or of each rotor, starts, where the
+    slipstreams of single rotors have ended. The far field is bounded in slices of depth, cut at equal angles to the
+    jet's axis, and below D by its speed there.
     """
-    D = distance - np.linalg.norm(air.centres - x, axis=1)
-    if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + air.reach + 2 * air.radius):
+    from_centre = distance - np.linalg.norm(air.centres - x, axis=1)
+    if from_centre.min() < air.ended:
         return math.inf
-    angles = np.linspace(math.pi / 2, 0.0, SEARCH.slices + 1)[:, None]
-    shallow, from_axis = D * np.cos(angles), D * np.append(np.sin(angles[1:]), [[0.0]], axis=0)
-    far = far_field(air, shallow, np.append(shallow[1:], [D], axis=0), from_axis).max(axis=0)
-    inflow = air.induced.shape[1] * sink(air, D - air.reach - air.radius) ** 2
-    return float(np.sqrt((air.induced**2).sum(axis=1) * np.maximum(far, inflow)).sum())
+    D = distance - np.linalg.norm(air.merged[0] - x, axis=2)
+    angles = np.linspace(math.pi / 2, 0.0, SEARCH.slices + 1)[:, None, None]
+    shallow, from_axis = D * np.cos(angles), D * np.append(np.sin(angles[1:]), [[[0.0]]], axis=0)
+    far = air.shares * far_field(air, shallow, np.append(shallow[1:], D[None], axis=0), from_axis).max(axis=0)
+    k = sink(air, np.maximum(from_centre[:, None] - air.reach - air.radii, 0.0))
+    inflow = k * k.sum(axis=1, keepdims=True)
+    return float(np.sqrt((air.induced**2 * np.maximum(far, inflow)).sum(axis=1)).sum())
 
 
 def _may_meet(region: RoundBody | AllowedCone | HullBody, x: Array, h: float) -> Array:
@@ -195,10 +198,8 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 
 
 def air(found: Findings) -> AirSpeeds | None:
-    """Return the air speeds of a design in every load case; None if its numbers are too large, or without an X."""
+    """Return the air speeds of a design in every load case; None if its numbers are too large."""
     scene = found.scene
-    if not scene.design.task.module.rotor_table.is_x:
-        return None
     if not (
         np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.tip]).max() < LARGEST_COORDINATE
     ):
@@ -270,7 +271,7 @@ def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> Region
 
 def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
     """Yield the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
-    thrust_of_square = 2 * density * math.pi * module.body.rotor_radius**2
+    thrusts_of_squares = 2 * density * math.pi * module.rotor_radii**2
     through, along = ingested_wakes(jets)
     for (i, q), v in np.ndenumerate(jets.induced):
         loss = min(1.0, module.wake_loss * float(along[i, q]) / float(v)) if v else 0.0
@@ -279,7 +280,7 @@ def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
             rotor=q,
             ingested_m_s=clamp(float(through[i, q])),
             thrust_loss=loss,
-            lost_N=clamp(loss * thrust_of_square * float(v) ** 2),
+            lost_N=clamp(loss * float(thrusts_of_squares[q]) * float(v) ** 2),
         )
 
 
@@ -289,9 +290,12 @@ def ingested_wakes(jets: Jets) -> tuple[Array, Array]:
     Both have the shape (n, r) [m/s].
     """
     weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
+    planes = [np.stack(basis_across(axis)[::-1]) for axis in jets.table.axes]
+    offsets = np.einsum("q,kp,qpj->qkj", jets.radii, DISC, planes)
     through, along = np.zeros(jets.induced.shape), np.zeros(jets.induced.shape)
-    for i, (R, discs) in enumerate(zip(jets.poses, jets.rotors, strict=True)):
-        others, points = jets.drop(i), discs[:, None] + jets.radius * DISC @ R[:, :2].T
-        of_each = weights @ wakes(others, points.reshape(-1, 3)).reshape(len(discs), len(DISC), -1)
-        through[i], along[i] = of_each.sum(axis=1), np.maximum(of_each @ (others.axes @ R[:, 2]), 0.0)
+    for i, (R, discs, axes) in enumerate(zip(jets.poses, jets.rotors, jets.rotor_axes, strict=True)):
+        points = discs[:, None] + offsets @ R.T
+        flow = wakes(jets.drop(i), points.reshape(-1, 3)).reshape(*points.shape[:2], -1, 3)
+        through[i] = np.einsum("k,qkn->q", weights, np.linalg.norm(flow, axis=3))
+        along[i] = np.maximum(-np.einsum("k,qkni,qi->q", weights, flow, axes), 0.0)
     return through, along

@@ -1,8 +1,8 @@
 r"""The smallest cone-sphere around all air of a module that reaches a speed, and the speeds on a given cone-sphere.
 
-The module is level at the origin, and its discs have equal thrust. Points are (z, r, phi): depth, distance
-from the axis, angle from the vertical plane through a rotor. The flow has the symmetry of the rotors, so phi from 0
-to half the angle between two of them covers all of it.
+The module is level at the origin, and its rotors have equal inputs. Points are (z, r, phi): depth, distance
+from the axis, angle from the vertical plane through a rotor. The flow has the symmetry of the rotors, so in an X
+phi from 0 to half the angle between two of them covers all of it; for other rotors phi goes all around.
 
 A cell is the set of points with z and r within h of its centre and phi within an angle. Its air is bounded in a
 ball about (z, r, phi) that is turned by the angle (`verify.air.jets`). The angle is halved with h where it raises
@@ -35,15 +35,16 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from topo_search.model import Array, Flags, Module
+from topo_search.model import Module
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
 from topo_search.model.airflow import Airflow
 from topo_search.model.proven import at_most
 from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed
 from verify.air.jets import MODEL, Jets, jets, speeds
-from verify.bodies import ball
+from verify.bodies import Array, ball
 from verify.certificate import RoundBody
 
 
@@ -167,7 +168,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
         ArithmeticError: the limit on cells is reached before the enclosure is proven.
     """
     air = _module_jets(module, density, thrust)
-    radius = 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius)
+    radius = air.ended
     while bound_beyond(air, np.zeros(3), radius) >= speed:
         radius *= 2
     fastest = bound_speed(air, RoundBody(ball(np.zeros(3), radius)), limit=speed)
@@ -221,21 +222,26 @@ def envelope_air(module: Module, density: float, thrust: float) -> EnvelopeAir:
         return _fastest(air, lambda s: (l - g * b - cos * s, b * cos - g * s), length)
 
     level = a / cos if a * g <= l * (1 - g * g) else math.sqrt(b * b - l * l)
-    merged = MODEL.merged_at * MODEL.diameter
+    merged, span = MODEL.merged_at * float(air.diameters.max()), air.table.span
     return EnvelopeAir(
         side_m_s=side(l * cos),
         side_merged_m_s=side((l - g * b - merged) / cos) if merged < l - g * b else None,
         end_m_s=_fastest(
             air, lambda s: (l - b * np.sin(tilt - s / b), b * np.cos(tilt - s / b)), b * (math.pi / 2 + tilt)
         ),
-        rotor_plane_m_s=_fastest(air, lambda s: (0.0 * s, level + s), max(1.0 - level, 0.0)),
+        rotor_plane_m_s=_fastest(air, lambda s: (0.0 * s, level + s), max(span - level, 0.0)),
     )
 
 
 def _module_jets(module: Module, density: float, thrust: float) -> Jets:
     rotors = module.rotor_table
-    inputs = np.full((1, rotors.count), thrust / (rotors.count * module.thrust_coefficient))
+    inputs = np.full((1, rotors.count), thrust / (rotors.gains.sum() * module.thrust_coefficient))
     return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], rotors.positions[None], inputs)
+
+
+def _half_range(air: Jets) -> float:
+    """Return half the range of phi."""
+    return SEARCH.octant / 2 if air.table.is_x else math.pi
 
 
 def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float, cell_size: float) -> Array:
@@ -249,7 +255,7 @@ def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float
         cell_size: cell size below which the search ends if any points are known.
     """
     h, points = radius / 2, [np.zeros((0, 2))]
-    cells = np.array([[-h, h], [h, h], *[[SEARCH.octant / 2] * 2] * 2])
+    cells = np.array([[-h, h], [h, h], *[[_half_range(air)] * 2] * 2])
     while cells.size:
         cells = cells[:, shape.excess(*cells[:2]) > -math.sqrt(2) * h]
         z, r, phi, half_angle = cells
@@ -278,7 +284,7 @@ def _fastest(air: Jets, curve: Callable[[Array], tuple[Array, Array]], length: f
         length: length of the curve.
     """
     h, fastest, pruned = length / 2, 0.0, 0.0
-    s, phi, half_angle = np.array([h]), np.array([SEARCH.octant / 2]), np.array([SEARCH.octant / 2])
+    s, phi, half_angle = np.array([h]), np.array([_half_range(air)]), np.array([_half_range(air)])
     while len(s):
         z, r = curve(s)
         arc = (r + h) * half_angle
@@ -305,7 +311,9 @@ def _split_angles(which: Array, *cells: Array) -> list[Array]:
     return split
 
 
-def _bounds(air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array) -> tuple[Array, Flags]:
+def _bounds(
+    air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return bounds in cells of a radius about (z, r) and an arc, and where the arc raises them."""
     points = _points(z, r, phi)
     turned, still = (speeds(air, points, radius, turn)[:, 0] * (1 + BOUND.rounding) for turn in (arc, 0.0))

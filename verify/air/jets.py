@@ -5,10 +5,10 @@ Lengths are in l_arm. A module with rotors q = 1..r, in its own frame, with its 
 | symbol | meaning | unit |
 |---|---|---|
 | T_q | thrust of a rotor, k_f u_q | N |
-| rho, R, L | density of air; rotor radius; distance between opposite rotors, 2 l_arm | kg/m^3, m, m |
-| v_q | induced speed of a disc, sqrt(T_q / (2 rho pi R^2)) | m/s |
+| rho, R, L | density of air; radius of rotor q; distance between opposite rotors | kg/m^3, m, m |
+| v_q, a_q | induced speed of a disc, sqrt(T_q / (2 rho pi R^2)); its share in the area of all | m/s, |
 | s, r | depth below the centre and distance from the axis, in L | |
-| z, d_q, r_q | depth; distance from disc q; distance from its axis | m |
+| z, d_q, r_q | depth below disc q, along its axis; distance from the disc; distance from its axis | m |
 | D, s_0, b | constants of the far field: decay, origin, half_width of `module.airflow.jet` | |
 | c | share of the far field | |
 | g | speed on a slipstream's axis over v_q | |
@@ -19,7 +19,7 @@ The square of the speed is linear in the thrusts:
 .. math::
 
     U^2 &= \sum_q v_q^2 \max\big(G_q, H_q\big), \qquad
-    G_q = (1 - c) S_q^2 + \tfrac{c}{r} M^2, \quad c = \mathrm{clip}\big(\tfrac{s - 1}{1.5}, 0, 1\big) \\
+    G_q = (1 - c) S_q^2 + c\, a_q M^2, \quad c = \mathrm{clip}\big(\tfrac{s - 1}{1.5}, 0, 1\big) \\
     \text{far field}\ M &= \frac{D}{s' + s_0} \Big(1 + (\sqrt 2 - 1) \frac{r^2}{b^2 (s' + s_0)^2}\Big)^{-2}, \quad
         s' = \max(s, 2.5) \\
     \text{slipstream}\ S_q &= g\, \mathrm{clip}\Big(\frac{r_2 - r_q}{2 \delta}, 0, 1\Big) \text{ for } z \ge 0,
@@ -43,6 +43,11 @@ The inflow is v_q at the disc and a sink of half its flow, v_q R^2 / (2 d^2), fa
 wherever it exceeds the rotor's share of the jet: above the discs and beside the jet. By Cauchy's inequality the sum
 of squares is at least (sum_q v_q k_q)^2, the square of the sinks' sum, and equal to it for equal rotors.
 
+A slipstream is along its rotor's axis, the far field along the module's. Where rotors tilt so far that each has its
+own envelope (`RotorTable.has_own_jets`), their jets do not merge: each has a far field of its own along its axis,
+with a_q = 1 and L = 2 R. The far field was measured for quadrotors; L is the distance of opposite rotors, or twice
+the farthest rotor's distance from the axis, and no less than 2 R. So a single rotor keeps 0.968 of its momentum.
+
 Jets are straight; speeds are time averages in free air, without walls, ground or wind. Peaks of a jet are about 1.5
 times as high. Swirl is left out: if it is as fast in all of a slipstream, a rotor's torque makes it
 1.5 sqrt 2 k_tau / (k_f R) of the axial speed, which adds 6 % to the speed for the default module.
@@ -51,8 +56,8 @@ Bounds over a ball of radius h about x: it spans depths z_1 = z - h to z_2 = z +
 delta and c grow with depth, a and D / (s' + s_0) fall; r_2 grows with delta and with a, in either case. S_q and k_q
 fall with r_q and d_q, M with r and more slowly the deeper. So each factor is bounded where it is largest: c, g and
 b (s' + s_0) at z_2, 1 - c and D / (s' + s_0) at z_1, r_2 by delta at z_2 and a at z_1, over delta at z_1. A ball
-may also be turned about the module's axis by an arc: r and the depths stay, and r_q and d_q change by at most the
-arc. At h = 0 the bound is the speed itself.
+may also be turned about the module's axis by an arc: r and s stay, r_q and d_q change by at most the arc, and z by
+the arc times the sine of the largest tilt. At h = 0 the bound is the speed itself.
 """
 
 from __future__ import annotations
@@ -63,6 +68,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Array, Module
+from topo_search.model.rotors import RotorTable
 
 
 class JetModel(NamedTuple):
@@ -74,8 +80,6 @@ class JetModel(NamedTuple):
     """Range of depth before that over which slipstreams give way to it [L]."""
     shear: float = 0.1
     """Growth of the shear layer's half-width per depth."""
-    diameter: float = 2.0
-    """L [l_arm]."""
 
 
 MODEL = JetModel()
@@ -90,20 +94,48 @@ class Jets(NamedTuple):
     """Orientations R_i, shape (n, 3, 3)."""
     rotors: Array
     """Centres of the discs, shape (n, r, 3) [l_arm]."""
-    reach: float
-    """Largest distance of a disc's centre from its module's [l_arm]."""
-    radius: float
-    """R [l_arm]."""
+    radii: Array
+    """R of each, shape (r,) [l_arm]."""
     induced: Array
     """v_q, shape (n, r) [m/s]."""
+    table: RotorTable
+    """The rotors of each module."""
     decay: float
     origin: float
     half_width: float
 
     @property
-    def axes(self) -> Array:
-        """Thrust axes, shape (n, 3)."""
-        return self.poses[:, :, 2]
+    def rotor_axes(self) -> Array:
+        """Directions of the rotors' thrusts, shape (n, r, 3)."""
+        return np.asarray(np.einsum("nij,qj->nqi", self.poses, self.table.axes))
+
+    @property
+    def merged(self) -> tuple[Array, Array]:
+        """Where merged jets start, and their axes against the flow: of modules, (n, 1, 3), or rotors, (n, r, 3)."""
+        if self.table.has_own_jets:
+            return self.rotors, self.rotor_axes
+        return self.centres[:, None], self.poses[:, None, :, 2]
+
+    @property
+    def diameters(self) -> Array:
+        """L of each merged jet, shape (1,) or (r,) [l_arm]."""
+        return np.asarray(2 * self.table.jet_radii(self.radii)[: self.merged[0].shape[1]])
+
+    @property
+    def shares(self) -> Array:
+        """a_q, shape (r,)."""
+        alone = self.table.has_own_jets
+        return np.ones_like(self.radii) if alone else np.asarray(self.radii**2 / (self.radii**2).sum())
+
+    @property
+    def reach(self) -> float:
+        """Largest distance of a disc's centre from its module's [l_arm]."""
+        return float(self.table.distances.max())
+
+    @property
+    def ended(self) -> float:
+        """Distance from a module beyond which the slipstreams of single rotors have ended [l_arm]."""
+        return 2 * (MODEL.merged_at * float(self.diameters.max()) + self.reach + 2 * float(self.radii.max()))
 
     def drop(self, module: int) -> Jets:
         """Return the jets of all other modules."""
@@ -128,11 +160,11 @@ def jets(
         rotors: centres of the discs, shape (n, r, 3) [l_arm].
         squared_speeds: u, shape (n, r) [rad^2/s^2]; negative values count as zero.
     """
-    thrusts = module.thrust_coefficient * np.maximum(squared_speeds, 0.0)
-    radius, jet = module.body.rotor_radius, module.airflow.jet
-    induced = np.sqrt(thrusts / (2 * density * math.pi * radius**2))
-    R, reach = radius / module.arm_length, float(module.rotor_table.distances.max())
-    return Jets(centres, poses, rotors, reach, R, induced, jet.decay, jet.origin, jet.half_width)
+    table, radii, jet = module.rotor_table, module.rotor_radii, module.airflow.jet
+    thrusts = module.thrust_coefficient * table.gains * np.maximum(squared_speeds, 0.0)
+    induced = np.sqrt(thrusts / (2 * density * math.pi * radii**2))
+    l_arm = module.arm_length
+    return Jets(centres, poses, rotors, radii / l_arm, induced, table, jet.decay, jet.origin, jet.half_width)
 
 
 def speeds(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> Array:
@@ -145,23 +177,34 @@ def speeds(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0
         arc: largest arc by which the balls are turned about a module's axis, shape (m,) or a scalar [l_arm].
     """
     balls = _balls(air, x, h, arc)
-    return _speed(air, np.maximum(_jet(air, balls), _inflow(air, balls)))
+    return _speed(air, np.maximum(np.add(*_jet(air, balls)), _inflow(air, balls)))
 
 
 def wakes(air: Jets, x: Array) -> Array:
-    """Return the speed of every module's jet without inflow at points (m, 3), shape (m, n) [m/s]."""
-    return _speed(air, _jet(air, _balls(air, x)))
+    """Return the velocity of every module's jet without inflow at points (m, 3), shape (m, n, 3) [m/s].
+
+    Its direction is the mean of slipstreams and merged jets, weighted by the squares of their speeds.
+    """
+    axes = np.broadcast_to(air.merged[1], air.rotors.shape)
+    slipstreams, merged = (air.induced**2 * part for part in _jet(air, _balls(air, x)))
+    flow = -np.einsum("mnq,nqi->mni", slipstreams, air.rotor_axes) - np.einsum("mnq,nqi->mni", merged, axes)
+    speed = np.sqrt((slipstreams + merged).sum(axis=2))[..., None]
+    return np.asarray(np.divide(flow, speed, out=np.zeros_like(flow), where=speed > 0))
 
 
 class _Balls(NamedTuple):
-    """Ranges of m balls relative to n modules and their rotors [l_arm]."""
+    """Ranges of m balls relative to n modules, their merged jets and their rotors [l_arm]."""
 
     shallow: Array
-    """Least depths below the discs, shape (m, n)."""
+    """Least depths below the starts of merged jets, shape (m, n, 1) or (m, n, r)."""
     deep: Array
-    """Greatest depths, shape (m, n)."""
-    from_module_axis: Array
-    """Least distances from the modules' axes, shape (m, n)."""
+    """Greatest depths, of that shape."""
+    from_merged_axis: Array
+    """Least distances from the axes of merged jets, of that shape."""
+    above: Array
+    """Least depths below the discs, shape (m, n, r)."""
+    below: Array
+    """Greatest depths, shape (m, n, r)."""
     from_rotor_axis: Array
     """Least distances from the rotors' axes, shape (m, n, r)."""
     from_disc: Array
@@ -169,25 +212,34 @@ class _Balls(NamedTuple):
 
 
 def _balls(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> _Balls:
-    offset = x[:, None] - air.centres
-    depth = -np.einsum("mnx,nx->mn", offset, air.axes)
-    to_rotor = x[:, None, None] - air.rotors + depth[..., None, None] * air.axes[:, None]
-    from_rotor_axis = np.linalg.norm(to_rotor, axis=3)
-    radius = np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None]
-    moved = (radius[:, 0] + arc)[:, None, None]
-    from_disc = np.hypot(np.maximum(from_rotor_axis - air.radius, 0.0), depth[..., None])
+    radius = np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None, None]
+    turned = np.broadcast_to(np.asarray(arc, dtype=float), (len(x),))[:, None, None]
+    sine = float(np.linalg.norm(air.table.axes[:, :2], axis=1).max())
+    z, from_axis = _depths_below(x, air.rotors, air.rotor_axes)
+    depth, from_merged_axis = _depths_below(x, *air.merged)
+    moved, sunk = radius + turned, radius + turned * sine
+    merged, aside = (sunk, moved) if air.table.has_own_jets else (radius, radius)
     return _Balls(
-        shallow=depth - radius,
-        deep=depth + radius,
-        from_module_axis=np.maximum(np.linalg.norm(offset + depth[..., None] * air.axes, axis=2) - radius, 0.0),
-        from_rotor_axis=np.maximum(from_rotor_axis - moved, 0.0),
-        from_disc=np.maximum(from_disc - moved, 0.0),
+        shallow=depth - merged,
+        deep=depth + merged,
+        from_merged_axis=np.maximum(from_merged_axis - aside, 0.0),
+        above=z - sunk,
+        below=z + sunk,
+        from_rotor_axis=np.maximum(from_axis - moved, 0.0),
+        from_disc=np.maximum(np.hypot(np.maximum(from_axis - air.radii, 0.0), z) - moved, 0.0),
     )
 
 
-def _speed(air: Jets, shares: Array) -> Array:
+def _depths_below(x: Array, starts: Array, axes: Array) -> tuple[Array, Array]:
+    """Return depths of points, (m, 3), below starts along axes, (n, k, 3), and distances from the axes."""
+    offset = x[:, None, None] - starts
+    depth = -np.einsum("mnki,nki->mnk", offset, axes)
+    return depth, np.linalg.norm(offset + depth[..., None] * axes, axis=3)
+
+
+def _speed(air: Jets, factors: Array) -> Array:
     """Return speeds, shape (m, n) [m/s], from the factors of v_q^2, shape (m, n, r)."""
-    return np.asarray(np.sqrt(np.einsum("nq,mnq->mn", air.induced**2, shares)))
+    return np.asarray(np.sqrt(np.einsum("nq,mnq->mn", air.induced**2, factors)))
 
 
 def _inflow(air: Jets, balls: _Balls) -> Array:
@@ -197,34 +249,36 @@ def _inflow(air: Jets, balls: _Balls) -> Array:
 
 
 def sink(air: Jets, from_disc: Array) -> Array:
-    """Return k at distances from a disc."""
-    return np.asarray((1 + math.sqrt(2) * from_disc / air.radius) ** -2)
+    """Return k at distances from the discs, shape (..., r)."""
+    return np.asarray((1 + math.sqrt(2) * from_disc / air.radii) ** -2)
 
 
-def _jet(air: Jets, balls: _Balls) -> Array:
-    """Return a bound on G_q, shape (m, n, r)."""
-    merged = far_field(air, balls.shallow, balls.deep, balls.from_module_axis)[..., None]
-    return np.asarray((1 - _merged_share(balls.shallow))[..., None] * _slipstreams(air, balls) ** 2 + merged)
+def _jet(air: Jets, balls: _Balls) -> tuple[Array, Array]:
+    """Return bounds on the parts of G_q, of slipstreams and of merged jets, shape (m, n, r) each."""
+    merged = air.shares * far_field(air, balls.shallow, balls.deep, balls.from_merged_axis)
+    return (1 - _merged_share(air, balls.shallow)) * _slipstreams(air, balls) ** 2, merged
 
 
 def far_field(air: Jets, shallow: Array, deep: Array, from_axis: Array) -> Array:
-    """Return a bound on c M^2 / r between two depths at a distance of at least `from_axis`, all of one shape."""
-    above, below = (np.maximum(z / MODEL.diameter, MODEL.merged_at) + air.origin for z in (shallow, deep))
-    profile = 1 + (math.sqrt(2) - 1) * (from_axis / (air.half_width * below * MODEL.diameter)) ** 2
-    return np.asarray(_merged_share(deep) / air.induced.shape[1] * (air.decay / above / profile**2) ** 2)
+    """Return a bound on c M^2 between two depths at a distance of at least `from_axis`, shapes (..., k)."""
+    L = air.diameters
+    above, below = (np.maximum(z / L, MODEL.merged_at) + air.origin for z in (shallow, deep))
+    profile = 1 + (math.sqrt(2) - 1) * (from_axis / (air.half_width * below * L)) ** 2
+    return np.asarray(_merged_share(air, deep) * (air.decay / above / profile**2) ** 2)
 
 
-def _merged_share(depth: Array) -> Array:
-    return np.asarray(np.clip((depth / MODEL.diameter - MODEL.merged_at) / MODEL.merges_over + 1, 0.0, 1.0))
+def _merged_share(air: Jets, depth: Array) -> Array:
+    s = depth / air.diameters
+    return np.asarray(np.clip((s - MODEL.merged_at) / MODEL.merges_over + 1, 0.0, 1.0))
 
 
 def _slipstreams(air: Jets, balls: _Balls) -> Array:
     """Return a bound on S_q, shape (m, n, r)."""
-    above, below = (np.maximum(z, 0.0)[..., None] for z in (balls.shallow, balls.deep))
-    g_above, g_below = (1 + z / np.hypot(air.radius, z) for z in (above, below))
-    thin, wide = (MODEL.shear * (z + air.radius) for z in (above, below))
-    inside = _outer_radius(wide, air.radius**2 / g_above) - balls.from_rotor_axis
-    return np.where(balls.deep[..., None] >= 0, g_below * np.clip(inside / (2 * thin), 0.0, 1.0), 0.0)
+    above, below = (np.maximum(z, 0.0) for z in (balls.above, balls.below))
+    g_above, g_below = (1 + z / np.hypot(air.radii, z) for z in (above, below))
+    thin, wide = (MODEL.shear * (z + air.radii) for z in (above, below))
+    inside = _outer_radius(wide, air.radii**2 / g_above) - balls.from_rotor_axis
+    return np.where(balls.below >= 0, g_below * np.clip(inside / (2 * thin), 0.0, 1.0), 0.0)
 
 
 def _outer_radius(delta: Array, a: Array) -> Array:

@@ -21,9 +21,9 @@ import math
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array, Indices
+from topo_search.model import Array
 from verify.proof.arcs import ArcFrames
-from verify.proof.platform import CheckProblem
+from verify.proof.platform import CheckProblem, Indices
 
 Vector = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)

@@ -11,9 +11,10 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array, Flags
+from topo_search.model import Array
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import ROTORS, CheckProblem
 
@@ -26,7 +27,7 @@ class AngleDerivatives(NamedTuple):
 
     rho: Array
     """Half widths, shape (A,)."""
-    is_turned: Flags
+    is_turned: NDArray[np.bool_]
     """True if an angle turns a module, shape (A, n)."""
     axes: Array
     """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
@@ -54,7 +55,7 @@ class Points(NamedTuple):
     """sum_{a, j} rho_a^2 beta_aj beta_aj^T at the middle, 0 at vertices, shape (6, 6)."""
     weight: Array
     """Weight of each load case, at least the kink width s, shape (K,)."""
-    active: Flags
+    active: NDArray[np.bool_]
     """False for idle load cases, shape (K,)."""
     condition_inverse: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T over active load cases, shape (3, 3)."""

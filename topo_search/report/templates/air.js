@@ -12,13 +12,20 @@ function clip(t) {
   return Math.max(0, Math.min(1, t));
 }
 
+// Returns the depth of a point below a start along an axis, and its distance from that axis.
+function along(x, start, axis) {
+  const away = x.map((part, k) => part - start[k]);
+  const z = -away.reduce((sum, part, k) => sum + part * axis[k], 0);
+  return [z, Math.hypot(...away.map((part, k) => part + z * axis[k]))];
+}
+
 class Air {
   constructor({ R, p, throttle, air }, number) {
     Object.assign(this, air);
     this.modules = R.map((turn, i) => ({
       R: turn,
       p: p[i],
-      squares: throttle[number][i].map((share) => air.full ** 2 * Math.max(0, share)), // of induced speeds
+      squares: throttle[number][i].map((share, q) => air.rotors[q].full ** 2 * Math.max(0, share)), // of induced speeds
     }));
   }
 
@@ -27,27 +34,32 @@ class Air {
     let sum = 0;
     for (const { R, p, squares } of this.modules) {
       const away = point.map((x, axis) => x - p[axis]);
-      const [a, b, up] = [0, 1, 2].map((k) => R[0][k] * away[0] + R[1][k] * away[1] + R[2][k] * away[2]);
-      sum += this.fromModule(a, b, -up, squares);
+      sum += this.fromModule([0, 1, 2].map((k) => R[0][k] * away[0] + R[1][k] * away[1] + R[2][k] * away[2]), squares);
     }
     return sum;
   }
 
-  fromModule(a, b, z, squares) {
-    const { rotors, radius, diameter, merged, merges, shear, jet } = this;
-    const s = z / diameter;
-    const from = Math.max(s, merged) + jet.origin;
-    const across = Math.hypot(a, b) / (diameter * jet.half_width * from);
-    const share = clip((s - merged) / merges + 1);
-    const far = (share / rotors.length) * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
-    const g = 1 + z / Math.hypot(radius, z);
-    const [delta, area] = [shear * (z + radius), (radius * radius) / g];
-    const core = area - (2 / 9) * delta * delta;
-    const outer = area >= (2 / 3) * delta * delta ? (4 / 3) * delta + Math.sqrt(core) : (24 * delta * delta * area) ** 0.25;
-    const aside = rotors.map(([x, y]) => Math.hypot(a - x, b - y));
-    const sinks = aside.map((r) => 1 / (1 + (Math.SQRT2 * Math.hypot(Math.max(r - radius, 0), z)) / radius) ** 2);
+  fromModule(x, squares) {
+    const { rotors, merged, merges, shear, jet } = this;
+    const places = rotors.map(({ at, axis }) => along(x, at, axis));
+    const sinks = rotors.map(({ radius }, q) => {
+      const [z, r] = places[q];
+      return 1 / (1 + (Math.SQRT2 * Math.hypot(Math.max(r - radius, 0), z)) / radius) ** 2;
+    });
     const sink = sinks.reduce((sum, each) => sum + each);
-    const square = aside.reduce((sum, r, q) => {
+    const square = rotors.reduce((sum, rotor, q) => {
+      const { radius } = rotor;
+      const [z, r] = places[q];
+      const [depth, aside] = along(x, rotor.merged.at, rotor.merged.axis);
+      const s = depth / rotor.merged.diameter;
+      const from = Math.max(s, merged) + jet.origin;
+      const across = aside / (rotor.merged.diameter * jet.half_width * from);
+      const share = clip((s - merged) / merges + 1);
+      const far = share * rotor.share * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
+      const g = 1 + z / Math.hypot(radius, z);
+      const [delta, area] = [shear * (z + radius), (radius * radius) / g];
+      const core = area - (2 / 9) * delta * delta;
+      const outer = area >= (2 / 3) * delta * delta ? (4 / 3) * delta + Math.sqrt(core) : (24 * delta * delta * area) ** 0.25;
       const slipstream = z < 0 ? 0 : (1 - share) * (g * clip((outer - r) / (2 * delta))) ** 2;
       return sum + squares[q] * Math.max(slipstream + far, sinks[q] * sink);
     }, 0);
