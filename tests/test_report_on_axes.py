@@ -74,11 +74,17 @@ def test_every_plot_is_drawn_with_titles_in_words(answer: Answer) -> None:
 
 
 def test_labels_of_ticks_do_not_overlap(answer: Answer) -> None:
-    figures = [drawn(what).figure for what in plots(answer)] + [figure_of(DESIGN)]
+    with style.context([PAPER, "topo_search.two_columns"]):
+        third = plt.figure().add_subplot(131, projection="3d")
+    draw(DESIGN, third)
+    figures = [*(drawn(what).figure for what in plots(answer)), figure_of(DESIGN), third.figure]
     for figure in figures:
         figure.draw_without_rendering()
-        for axis in (axis for ax in figure.axes for axis in ax._axis_map.values()):  # type: ignore[attr-defined]
-            boxes = [tick.label1.get_window_extent() for tick in axis.get_major_ticks() if tick.label1.get_text()]
+        for ax in figure.axes:
+            axes: Any = ax._axis_map.values()  # type: ignore[attr-defined]
+            drawn_ticks = [axis.get_major_ticks() if ax.name == "3d" else axis._update_ticks() for axis in axes]
+            ticks = itertools.chain(*drawn_ticks)
+            boxes = [tick.label1.get_window_extent() for tick in ticks if tick.label1.get_text()]
             assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 

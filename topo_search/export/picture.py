@@ -253,9 +253,11 @@ class Drawing:
         middle = (low + high) / 2
         limits = np.stack([middle - half, middle + half], axis=1)
         self.axes.set(xlim=limits[0], ylim=limits[1], zlim=limits[2])
-        for name, share in zip("xyz", half / half.max(), strict=True):
+        width = self.axes.figure.get_figwidth() * self.axes.get_position(original=True).width
+        ticks = min(1.0, width / 3.5) * (3 * half / half.max() + 2)  # fewer where their labels would touch
+        for name, most in zip("xyz", ticks, strict=True):
             axis = getattr(self.axes, f"{name}axis")
-            axis.set_major_locator(MaxNLocator(round(3 * share) + 2, steps=[1, 2, 5, 10], prune="both"))
+            axis.set_major_locator(MaxNLocator(max(2, round(most)), steps=[1, 2, 5, 10], prune="both"))
             axis.set_label_text(f"${name}$ [m]")
             axis.set_tick_params(pad=0 if name == "z" else -2)
             axis.labelpad = -1 if name == "z" else -4

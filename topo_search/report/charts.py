@@ -122,7 +122,7 @@ def rotor_inputs(design: Design) -> Figure:
     bounds = {"smallest input": design.task.module.min_input, largest: share}
     above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
     layout = {
-        **axes(f"module ({rotors} rotors each)", "rotor input / u_max", legend=-0.25),
+        **axes(f"module ({rotors} rotors each)", "rotor input over u_max", legend=-0.25),
         "shapes": [level(bound, width=1.5) for bound in bounds.values()],
         "annotations": [{**above, "text": name, "y": bound} for name, bound in bounds.items()],
     }

@@ -209,7 +209,7 @@ def _figure(course: dict[str, Array]) -> Figure:
         "shapes": [level(1.0, "y3", width=1)],
         "legend": {"orientation": "h", "y": -0.15},
     }
-    for row, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
+    for row, title in enumerate(("position error [cm]", "tilt [deg]", "input over limit"), start=1):
         domain = [(3 - row) * 0.35, (3 - row) * 0.35 + 0.3]
         layout[f"yaxis{row}"] = {"title": {"text": title}, "rangemode": "tozero", "domain": domain}
     return {"data": traces, "layout": layout}

@@ -29,7 +29,8 @@ def draw(what: Design | go.Figure, ax: Axes, parts: Sequence[Part] = ("platform"
 
     Args:
         what: a design, or a two-dimensional figure; of one with two panels, the upper.
-        ax: the axes; for a design with `projection="3d"`, whose layout is fixed from then on.
+        ax: the axes; for a design with `projection="3d"`, and after all other axes of the figure are drawn, since a
+            layout moves them no longer.
         parts: of a design, what to draw: `exposure`, `airflow`, `platform`, `load_cases`.
 
     Raises:
