@@ -18,8 +18,7 @@ from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, wrench_residuals
 from nlp.rows import Selections, UserConstraints
 from nlp.start_result import StartResult
-from topo_search.model import ResolvedTask
-from topo_search.model.corners import CorneredTask
+from topo_search.model import CorneredTask, ResolvedTask
 
 
 class LazyConstraints(NamedTuple):

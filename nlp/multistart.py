@@ -30,8 +30,7 @@ from nlp.starts.reduced_starts import draw_starts, place_starts
 from nlp.starts.warm_start import warm_start
 from nlp.units import Units
 from topo_search.compiled_code import is_cached
-from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.corners import CorneredTask
+from topo_search.model import CorneredTask, Design, ResolvedTask, Topology
 from topo_search.model.topology import straight_chain
 
 DRAWS = 8

@@ -67,8 +67,8 @@ import sys
 sys.path.append(TESTS)
 import toy_problem
 from topo_search import search
-from topo_search.compose import searching
-searching.backends, searching.open_engine = lambda _: toy_problem.BACKENDS, lambda *_: toy_problem.InProcess(1)
+from topo_search.compose import binding, searching
+binding.backends, binding.open_engine = lambda _: toy_problem.BACKENDS, lambda *_: toy_problem.InProcess(1)
 searching.write_page = lambda _: None
 search(toy_problem.toy_task(3), out="run", starts=2, workers=1).best.key
 """.replace("TESTS", repr(str(Path(__file__).parent)))

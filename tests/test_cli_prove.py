@@ -27,7 +27,7 @@ def stand_in(monkeypatch, prover):
     """Let proofs be of a stand-in, in this process, and pages be none."""
     monkeypatch.setattr("nlp.prove_chunk", prover)
     monkeypatch.setattr("nlp.prepare_proof", lambda *_: None)
-    monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(compose.binding, "open_engine", lambda *_: InProcess(1))
     monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
 
 
@@ -73,7 +73,7 @@ def check(monkeypatch, checker, *arguments, status=0):
     monkeypatch.setattr("verify.check_chunk", checker, raising=False)
     monkeypatch.setattr("verify.prepare_check", lambda *_: None, raising=False)
     monkeypatch.setattr("verify.audit", toy_problem.audit, raising=False)
-    monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(compose.binding, "open_engine", lambda *_: InProcess(1))
     return invoke("prove", *arguments, "--check", status=status)
 
 

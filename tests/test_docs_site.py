@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from dark_pages import white_boxes
 from documented import ROOT
 from playwright.sync_api import Browser, sync_playwright
 
@@ -48,6 +49,16 @@ def test_no_table_and_no_line_of_code_is_clipped(site: Path, browser: Browser, s
     for path in sorted(site.rglob("*.html")):
         page.goto(path.as_uri())
         assert max(page.evaluate(CLIPPED)) <= 1, path
+    page.close()
+
+
+@pytest.mark.parametrize(
+    "path", ["gallery.html", "how-to/fly.html", "explanation/air.html", "tutorials/notebooks/1_best_topology.html"]
+)
+def test_dark_pages_have_no_white_boxes(site: Path, browser: Browser, path: str) -> None:
+    page = browser.new_page(color_scheme="dark")
+    page.goto((site / path).as_uri())
+    assert white_boxes(page) == 0
     page.close()
 
 

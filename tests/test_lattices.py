@@ -15,7 +15,7 @@ import pytest
 from nlp_cases import HOVER
 from verify_cases import failing
 
-from nlp import solve
+from nlp import lower_bound, prove_impossible
 from nlp.numbers.point import Point
 from topo_search.compose.binding import BACKENDS
 from topo_search.engine import Job
@@ -264,14 +264,17 @@ def test_pages_and_pictures_show_all_joints(flag) -> None:
     assert f"of module {i}" in steps[j]
 
 
+def test_a_lattice_is_a_start_for_another(flag) -> None:
+    task = hovering(5).resolve(5)
+    other = BACKENDS.solve(Job(task, Topology.from_key("f74000"), range(0), 0, (flag,)))
+    same = BACKENDS.solve(Job(task, Topology.from_key(FLAG), range(0), 0, (flag,)))
+    assert isinstance(other, Design)
+    assert isinstance(same, Design)
+    assert same.objective == pytest.approx(flag.objective, rel=1e-5)
+
+
 def test_what_hangs_flat_has_an_angle_of_plain_zero(flag) -> None:
     assert [math.copysign(1.0, angle) for angle in flag.hinge_angles_rad] == [1.0] * 4
-
-
-def test_a_lattice_that_tilts_no_rotor_cannot_push_sideways() -> None:
-    task = hovering(2).replace(load_cases=[HOVER, {"com": {"force": [0.3, 0.0, 1.0]}}])
-    outcome = solve(task.resolve(2), Topology.from_key("a10"), starts=range(2), seed=0)
-    assert not isinstance(outcome, Design)
 
 
 def test_positions_on_the_grid() -> None:
@@ -282,3 +285,31 @@ def test_positions_on_the_grid() -> None:
         assert len(set(cells)) == 5
         for (h, i), (j, k) in pairwise(sorted(candidate.topology.bolted)):
             assert abs(np.subtract(cells[h], cells[i])).sum() == abs(np.subtract(cells[j], cells[k])).sum() == 1
+
+
+def test_a_flat_lattice_of_parallel_rotors_is_known_to_thrust_one_way() -> None:
+    sideways = [HOVER, {"com": {"force": [0.3, 0.0, 1.0]}}]
+    task = hovering(4).replace(load_cases=sideways)
+    proof = prove_impossible(task.resolve(4))
+    assert proof is not None
+    assert proof.message.startswith("a flat lattice thrusts along one axis")
+    assert prove_impossible(task.replace(search={"interference": "parts"}).resolve(4)) is None
+
+
+def test_bounds_hold_for_lattices_whose_joints_are_heavy(flag) -> None:
+    """Loads grow with the closures: a bound for the lightest lattice is none for all unless it knows."""
+    task = flag.task.lightest
+    most = max(len(candidate.topology.closures) for candidate in lattices(5, "c1"))
+    assert task.heaviest_closures == pytest.approx(most * JOINT)
+    for n in range(1, 9):
+        closures = max(len(candidate.topology.closures) for candidate in lattices(n, "c1"))
+        assert hovering(n).resolve(n).heaviest_closures == pytest.approx(closures * JOINT)
+    pulled_down = (
+        hovering(5)
+        .replace(load_cases=[{"carries_weight": True, "units": "SI", "com": {"force": [0.0, 0.0, -20.0]}}])
+        .resolve(5)
+    )
+    heavier = pulled_down.with_closures(most)
+    forces = [abs(one.load_cases[0].at_com.force[2]) for one in (pulled_down, heavier)]
+    assert forces[1] < forces[0]
+    assert lower_bound(pulled_down) <= lower_bound(heavier) * (1 + 1e-9)

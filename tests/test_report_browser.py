@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from dark_pages import white_boxes
 from nlp_cases import as_design, push, random_point
 from playwright.sync_api import Browser, Page, sync_playwright
 from report_cases import design, grown, toy_page
@@ -308,7 +309,10 @@ def test_the_page_is_dark_where_the_reader_wants_it(opened: Open, five: str) -> 
     page.emulate_media(color_scheme="dark")
     until(page, f"{ink} === '#e8eaed'")
     assert page.evaluate(ground) == "rgb(22, 25, 30)"
+    page.evaluate("document.querySelectorAll('details').forEach(one => one.open = true)")
+    assert white_boxes(page) == 0
     page.click("#theme")
+    assert white_boxes(page) > 0
     assert (page.evaluate(ink), page.evaluate(ground)) == ("#222222", "rgb(255, 255, 255)")
     page.click("#theme")
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")

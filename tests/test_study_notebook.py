@@ -1,5 +1,6 @@
 """What answers, designs and audits show in a notebook."""
 
+import base64
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
@@ -122,7 +123,10 @@ def test_text_is_escaped(monkeypatch) -> None:
 
 
 def test_a_picture_is_a_png() -> None:
-    pictures = {Picture(drawn)._repr_png_() for drawn in (fan(), toy_task(3))}
+    bundles = [Picture(drawn)._repr_mimebundle_() for drawn in (fan(), toy_task(3))]
+    assert all(f"base64,{bundle['image/png']}" in bundle["text/html"] for bundle, _ in bundles)
+    assert all(metadata == {"needs_background": "light"} for _, metadata in bundles)
+    pictures = {base64.b64decode(bundle["image/png"]) for bundle, _ in bundles}
     assert [picture[:4] for picture in pictures] == [b"\x89PNG"] * 2
 
 

@@ -10,9 +10,9 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 import verify.flight.programs
+from topo_search.model import Indices
 from verify.flight.balls import Polytopes, largest_balls
 from verify.flight.programs import GAP, Bounds, SimplexResult, find_solutions, greatest, least_inputs, solve
-from verify.meshes import Indices
 
 Array = NDArray[np.float64]
 

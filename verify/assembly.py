@@ -5,12 +5,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import PORT_DIRECTIONS, Design, Mount, Residual, Status
+from topo_search.model import PORT_DIRECTIONS, Array, Design, Mount, Residual, Status, Vector
 from topo_search.model.assembly import Assembly, BoltedJoint, EndEffectorSheet, FreeConnector, Obstacle, Rod
-from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
-from verify.bodies import Array, ConeSpheres, rowwise_clearances
+from verify.bodies import ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities
 from verify.kinematics import Platform

@@ -26,9 +26,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Array, CasePower, Design, Flight, Geometry, Residual, ResolvedTask, Status
+from topo_search.model import Array, CasePower, CountedRod, Design, Flight, Geometry, Residual, ResolvedTask, Status
 from topo_search.model.corners import corners_of
-from topo_search.model.end_effector import CountedRod
 from topo_search.model.proven import TOLERANCE
 from verify.assembly import choose_mount
 from verify.flight.programs import LARGEST, Bounds, find_solutions, least_inputs, nearest

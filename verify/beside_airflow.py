@@ -27,13 +27,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Mount, Status
+from topo_search.model import Array, Indices, Mount, Status
 from verify import certificate
-from verify.bodies import Array, ConeSpheres, nearest_on_axis, norms
+from verify.bodies import ConeSpheres, nearest_on_axis, norms
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
-from verify.meshes import ConvexMesh, FclPolytope, Indices
+from verify.meshes import ConvexMesh, FclPolytope
 from verify.requirements import PlacedAir, Scene
 
 BesideAirflow = certificate.ClearanceCheck[Compound, certificate.RoundBody]

@@ -35,9 +35,8 @@ from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from topo_search.model import Array, Indices
 
 
 def norms(v: Array) -> Array:
@@ -125,7 +124,7 @@ class ConeSpheres(ConeSphere):
         r, dr = (np.array([getattr(body, name) for body in bodies]) for name in ("r", "dr"))
         return cls(o, d, r, dr)
 
-    def take(self, index: NDArray[np.intp]) -> ConeSpheres:
+    def take(self, index: Indices) -> ConeSpheres:
         """Return the rows `index`."""
         return ConeSpheres(self.o[index], self.d[index], self.r[index], self.dr[index])
 

@@ -27,9 +27,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from topo_search.model import Status
+from topo_search.model import Array, Status
 from topo_search.model.clearance import Kind
-from verify.bodies import Array, ConeSphere, ConeSpheres, clearances
+from verify.bodies import ConeSphere, ConeSpheres, clearances
 from verify.hulls import HullBody, approach
 from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, encloses, inner_mesh, lies_within, outer_mesh
 

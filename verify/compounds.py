@@ -45,12 +45,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Status
-from verify.bodies import Array, norms
+from topo_search.model import Array, Flags, Indices, Status
+from verify.bodies import norms
 from verify.certificate import BOUND_ROUNDING, FLOOR, Certificate, judge
 from verify.convex import Convex, Polyhedron
-from verify.gjk import ITERATION, Cores, Flags, cores, nearest
-from verify.meshes import LARGEST_COORDINATE, FclPolytope, Indices
+from verify.gjk import ITERATION, Cores, cores, nearest
+from verify.meshes import LARGEST_COORDINATE, FclPolytope
 
 
 class ProximitySettings(NamedTuple):

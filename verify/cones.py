@@ -39,8 +39,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Status
-from verify.bodies import AllowedCone, Array, ConeSphere, basis_across, cone_clearance
+from topo_search.model import Array, Status
+from verify.bodies import AllowedCone, ConeSphere, basis_across, cone_clearance
 from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, RoundBody, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder

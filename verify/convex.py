@@ -28,8 +28,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis, norms
-from verify.meshes import MESH_ROUNDING, ConvexMesh, FclPolytope, Indices, box_corners, inner_mesh, outer_mesh
+from topo_search.model import Array, Indices
+from verify.bodies import ConeSphere, basis_across, nearest_on_axis, norms
+from verify.meshes import MESH_ROUNDING, ConvexMesh, FclPolytope, box_corners, inner_mesh, outer_mesh
 
 
 class SolidMeshes(NamedTuple):

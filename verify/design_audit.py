@@ -14,9 +14,8 @@ from importlib import metadata
 
 import numpy as np
 
-from topo_search.model import Array, Audit, Clearance, Design, Geometry, Module, Status
+from topo_search.model import Array, Audit, Clearance, Design, Geometry, Module, Status, Vector
 from topo_search.model.features import StatedCheck
-from topo_search.model.kinds import Vector
 from verify.certificate import Certificate, RoundBody
 from verify.contacts import AnyCheck, allowed_contacts, certify
 from verify.features import CLEARANCES, SECTIONS, assembly, complete, interference

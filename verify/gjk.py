@@ -23,13 +23,10 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from verify.bodies import Array, norms
+from topo_search.model import Array, Flags, Indices
+from verify.bodies import norms
 from verify.convex import Convex
-from verify.meshes import Indices
-
-Flags = NDArray[np.bool_]
 
 
 class Iteration(NamedTuple):

@@ -22,9 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from verify.bodies import Array, ConeSphere, clearances
+from topo_search.model import Array, Indices
+from verify.bodies import ConeSphere, clearances
 from verify.gjk import least_weights
-from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope, Indices
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, FclPolytope
 
 
 @dataclass(frozen=True, eq=False)

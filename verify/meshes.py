@@ -33,11 +33,9 @@ from itertools import combinations, product
 
 import fcl
 import numpy as np
-from numpy.typing import NDArray
 
-from verify.bodies import Array, ConeSphere, basis_across
-
-Indices = NDArray[np.intp]
+from topo_search.model import Array, Indices
+from verify.bodies import ConeSphere, basis_across
 
 MESH_ROUNDING = 1e-12
 """Margin for rounding by which outer meshes are larger and inner meshes smaller, relative to the body's size."""

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Module, Mount
-from verify.bodies import Array, ConeSphere
+from topo_search.model import Array, Module, Mount
+from verify.bodies import ConeSphere
 from verify.certificate import RoundBody
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, capsule, cylinder

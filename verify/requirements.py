@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Design, Mount
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Design, Mount
 from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
-from verify.bodies import AllowedCone, Array, ConeSphere, ball
+from verify.bodies import AllowedCone, ConeSphere, ball
 from verify.certificate import ClearanceCheck, RoundBody
 from verify.compounds import Compound
 from verify.hulls import HullBody, hull

@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
+from topo_search.model import Array, Limit, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.airflow import RegionAirflow
 from verify.beside_airflow import clearance as clearance_beside
-from verify.bodies import AllowedCone, Array, clearances, cone_clearance
+from verify.bodies import AllowedCone, clearances, cone_clearance
 from verify.certificate import BOUND_ROUNDING
 from verify.compounds import Compound, proximities
 from verify.cones import certify_parts_inside

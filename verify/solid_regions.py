@@ -14,9 +14,9 @@ on a path, the rod has to reach into K and is not checked. Lengths are in l_arm.
 
 from collections.abc import Iterator
 
-from topo_search.model import Design, Mount, Status
+from topo_search.model import Array, Design, Mount, Status
 from topo_search.model.end_effector import TIP
-from verify.bodies import AllowedCone, Array, ConeSphere, ball
+from verify.bodies import AllowedCone, ConeSphere, ball
 from verify.certificate import FLOOR, ClearanceCheck, RoundBody
 from verify.compounds import Compound
 from verify.contacts import AnyCheck, certify

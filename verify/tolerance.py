@@ -74,18 +74,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import PORT_DIRECTIONS, Mount, needs_offset
+from topo_search.model import PORT_DIRECTIONS, Array, Flags, Indices, Mount, needs_offset
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.beside_airflow import normals, parts_of
-from verify.bodies import AllowedCone, Array, norms
+from verify.bodies import AllowedCone, norms
 from verify.certificate import BOUND_ROUNDING, Certificate, RoundBody, witnesses
 from verify.compounds import Compound, proximities
 from verify.cones import lowest_point
 from verify.contacts import AnyCheck
 from verify.convex import Convex, Cylinder
-from verify.gjk import Flags
 from verify.hulls import HullBody
-from verify.meshes import Indices
 from verify.requirements import Scene
 
 

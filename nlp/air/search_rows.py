@@ -7,8 +7,7 @@ import numpy as np
 
 from nlp.air.fastest import TARGET_SHARE, region_of
 from nlp.air.jets import JetConstants, SpeedRegion, jet_of
-from nlp.numbers.kinematics import Indices
-from topo_search.model import Array, ResolvedTask
+from topo_search.model import Array, Indices, ResolvedTask
 
 
 class Speeds(NamedTuple):

@@ -6,13 +6,12 @@ products. The notation is that of `nlp.assembled.platform`.
 
 import numpy as np
 
-from nlp.assembled.platform import Indices, Mask
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags, Indices
 
 
 @njit(cache=True)
-def slopes(gradient: Array, plus: Indices, minus: Indices, dV: Array, changing: Mask) -> Array:
+def slopes(gradient: Array, plus: Indices, minus: Indices, dV: Array, changing: Flags) -> Array:
     """Return the derivatives of m clearances by x, shape (m, g).
 
     Args:
@@ -40,7 +39,7 @@ def add_curvature(
     plus: Indices,
     minus: Indices,
     dV: Array,
-    moving: Mask,
+    moving: Flags,
     by_V: Array,
     H: Array,
 ) -> None:

@@ -27,17 +27,14 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlp.numbers.geometry import cross, force_map, torque_map
 from nlp.numbers.kinematics import chain, tree_of
 from nlp.numbers.masses import masses
 from nlp.requirements.statement import LocalVector, PlatformVector
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask, Topology
+from topo_search.model import Array, Indices, ResolvedTask, Topology
 
-Indices = NDArray[np.intp]
-Mask = NDArray[np.bool_]
 CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).transpose(0, 2, 1)
 """Maps a, at the last index, to the matrix of a x b; the first index is that of b."""
 

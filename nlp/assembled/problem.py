@@ -21,11 +21,11 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.chain_rule import add_curvature, slopes
-from nlp.assembled.platform import CROSS, AssembledPlatform, Indices, Layout
+from nlp.assembled.platform import CROSS, AssembledPlatform, Layout
 from nlp.assembled.terms import Derivatives, Term, derived_rows, inertia_terms
 from nlp.requirements import Requirement
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask, Topology
+from topo_search.model import Array, Indices, ResolvedTask, Topology
 
 
 class RowBlock(Protocol):

@@ -23,15 +23,14 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.kkt_candidates import smooth_minimum
-from nlp.assembled.platform import AssembledPlatform, Indices, Layout
+from nlp.assembled.platform import AssembledPlatform, Layout
 from nlp.numbers.masses import RigidBody, RodMass
 from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import AirflowClearance
 from nlp.requirements.statement import COM, FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Formula, LocalVector, PlatformVector
 from nlp.symbols.platform import body_inertia, point_inertia, rod_inertia_beyond_ends
-from topo_search.model import Array, ResolvedTask
-from topo_search.model.kinds import Vector
+from topo_search.model import Array, Indices, ResolvedTask, Vector
 
 MAX_BUFFERS = 15
 """Largest number of cached buffers per expression: one per number of columns."""

@@ -49,7 +49,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from nlp.bounds.effort import lightest_task, rod_force_change, total_forces
+from nlp.bounds.effort import heaviest_extra, lightest_task, rod_force_change, total_forces
 from nlp.bounds.refutation import (
     bodies_mass,
     centre_offset,
@@ -99,7 +99,7 @@ def _bound_by_directions(task: ResolvedTask) -> float:
     between = math.cos((AXES[1] - AXES[0]) / 2)
     limit = thrust * float((shares @ means).max()) / between - W * float(shares @ np.sin(ELEVATIONS))
     tolerance = tolerated_thrust(task) * 2 + math.sqrt(3) * tolerated_force(task)
-    missed = AUDIT_TOLERANCE * (W + task.heaviest_rod * task.gravity)
+    missed = AUDIT_TOLERANCE * (W + heaviest_extra(task) * task.gravity)
     return (limit + tolerance * float(shares.sum())) / float(shares @ reach) + missed
 
 
@@ -154,7 +154,7 @@ def _bound_by_torques(task: ResolvedTask) -> float:
     torque_tolerance = module.arm_length + com_shift + lengths.max()
     tolerance = math.sqrt(3) * tolerated_force(task) * torque_tolerance
     tolerance += tolerated_thrust(task) * 2 * (o + k + lengths.max())
-    tolerance += AUDIT_TOLERANCE * (W + rod * task.gravity) * module.arm_length
+    tolerance += AUDIT_TOLERANCE * (W + heaviest_extra(task) * task.gravity) * module.arm_length
     yaw = np.maximum(lengths, np.hypot(lengths + k, o) / 2)
     levers = np.minimum(yaw, (lengths + o + k) ** 2 / (4 * (o + k)))
     levers[0] = min(levers[0], mean / 4)

@@ -8,9 +8,8 @@ import numpy as np
 
 from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask
+from topo_search.model import Array, CountedRod, ResolvedTask
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.end_effector import CountedRod
 from topo_search.model.proven import TOLERANCE
 
 
@@ -46,13 +45,18 @@ def least_force_norms(task: ResolvedTask) -> Array:
     return np.asarray(np.linalg.norm(F + share[:, None] * D, axis=1))
 
 
-def rod_force_change(task: ResolvedTask) -> Array:
-    """Return the change of every F_k by the heaviest possible rod, shape (K, 3) [N].
+def heaviest_extra(task: ResolvedTask) -> float:
+    """Return the largest mass of a design beyond the lightest platform's, of its rod and closures [kg]."""
+    return task.heaviest_rod + task.heaviest_closures
 
-    `task` has no rod. Every F_k is affine in the rod's mass, so a sum of products with fixed multipliers is least
-    without a rod or with the heaviest one.
+
+def rod_force_change(task: ResolvedTask) -> Array:
+    """Return the change of every F_k by the heaviest possible rod and closures, shape (K, 3) [N].
+
+    `task` has neither. Every F_k is affine in their mass, so a sum of products with fixed multipliers is least
+    without them or with the heaviest ones.
     """
-    end_effector, rod_mass = task.end_effector, task.heaviest_rod
+    end_effector, rod_mass = task.end_effector, heaviest_extra(task)
     if rod_mass == 0.0 or end_effector.counted_rod is not None:
         return np.zeros((len(task.load_cases), 3))
     task_with_rod = task.declared.with_rod(CountedRod(module=0, port=0, mass=rod_mass))
@@ -194,8 +198,8 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
 
 
 def _platform_weight(task: ResolvedTask) -> float:
-    """Return the weight of the platform with the heaviest rod [N]."""
-    return task.force_unit(task.n) + task.heaviest_rod * task.gravity
+    """Return the weight of the heaviest platform [N]."""
+    return task.force_unit(task.n) + heaviest_extra(task) * task.gravity
 
 
 def _weights(task: ResolvedTask) -> Array:

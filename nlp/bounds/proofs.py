@@ -53,11 +53,7 @@ def _reserve_prefix(task: ResolvedTask, topology: Topology | None) -> str:
 def _refute_shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Refute the task by the shape of the tree at any hinge angles; without a tree, by that of every tree.
 
-    The masses of joints that close a lattice's cycles can move its centre of mass farther than those of a tree, and
-    neighbours at the ends of a path may be bolted together.
+    In a lattice, neighbours at the ends of a path may be bolted together.
     """
-    if task.search.lattice is not None:
-        if task.module.joint_mass:
-            return None
-        return refute_torque(task, topology) or refute_stand_off(task, topology)
-    return refute_torque(task, topology) or refute_path(task, topology) or refute_stand_off(task, topology)
+    path = None if task.search.lattice is not None else refute_path(task, topology)
+    return refute_torque(task, topology) or path or refute_stand_off(task, topology)

@@ -40,11 +40,10 @@ from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlp.bounds.refutation import Refutation, bodies_mass, centre_offset, size_text
 from nlp.numbers.geometry import Swept, clearance, rotation
-from topo_search.model import AirflowEnvelope, Array, ResolvedTask, Topology
+from topo_search.model import AirflowEnvelope, Array, Indices, ResolvedTask, Topology
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
 from topo_search.model.room import rotor_reach
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope, Shape, convex_hull
@@ -144,7 +143,7 @@ def _is_crowded(
     return False
 
 
-def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float = 0.0) -> Array:
+def _displacements(pairs: Indices, h: Array, l_c: float, length: float = 0.0) -> Array:
     """Return the largest change of distance of points of two axes in a box, for each pair, shape (pairs, 1) [m].
 
     Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from each further one.
@@ -160,7 +159,7 @@ def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float 
     return np.array([[displacement(i, j)] for i, j in pairs.T.tolist()])
 
 
-def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: Any, radius: Any, growth: Any) -> Array:
+def _gaps(z: Array, p: Array, pairs: Indices, length: Any, radius: Any, growth: Any) -> Array:
     """Return the clearances of two envelopes with this length and start radius, one row per pair [m]."""
     first, second = (Swept(p[side], -length * z[side], radius, growth) for side in pairs)
     return clearance(first, second)

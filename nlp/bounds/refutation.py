@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nlp.bounds.effort import heaviest_extra
 from topo_search.model import Module, ResolvedTask
 from topo_search.model.proven import TOLERANCE
 
@@ -38,8 +39,8 @@ def tolerated_thrust(task: ResolvedTask) -> float:
 
 
 def tolerated_force(task: ResolvedTask) -> float:
-    """Return the audit's tolerance of a force, with the heaviest rod [N]."""
-    return TOLERANCE * (task.force_unit(task.n) + task.heaviest_rod * task.gravity)
+    """Return the audit's tolerance of a force on the heaviest platform [N]."""
+    return TOLERANCE * (task.force_unit(task.n) + heaviest_extra(task) * task.gravity)
 
 
 def largest_drag(module: Module) -> float:
@@ -62,7 +63,7 @@ def centre_offset(task: ResolvedTask) -> float:
     With a rod of mass m_R and a fixed end-effector, the rod changes the distance of p_E from the centroid, times
     m_t - m_E, by at most m_R (|p_E| + |its middle - p_E|).
     """
-    joints = (task.n - 1) * task.module.joint_mass
+    joints = (task.n - 1) * task.module.joint_mass + task.heaviest_closures
     moment = joints * (task.n - 1) * task.module.connector_distance
     if (position := task.end_effector.fixed_position) is not None and task.heaviest_rod:
         moment += task.heaviest_rod * (math.hypot(*position) + (task.largest_reach(task.n) or 0.0) / 2)

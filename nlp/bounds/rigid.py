@@ -3,7 +3,7 @@ r"""Refutation of a flat lattice of a given attitude: nothing is left that could
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | v | inputs, l <= v <= h | (r n,) | u_hover |
-| A, b | wrench of each rotor about W's origin, and that of a load case | (6, r n), (6,) | m g, l_arm m g |
+| A, b | wrench of each rotor about the centre of mass, and that of a load case | (6, r n), (6,) | m g, l_arm m g |
 | y | any multipliers; best are those of the smallest largest component of b - A v | (6,) | |
 
 No inputs come closer to b along y than
@@ -22,8 +22,7 @@ from nlp.bounds.refutation import Refutation
 from nlp.numbers.geometry import force_map, torque_map
 from nlp.numbers.point import Point
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model import Array, ResolvedTask, Topology
 from topo_search.model.kinds import is_zero
 from topo_search.model.proven import TOLERANCE, lower_text
 
@@ -39,15 +38,13 @@ def refute_rigid(task: ResolvedTask, topology: Topology) -> Refutation | None:
     shares = np.tile(module.input_shares(task.gravity), n)
     largest, least = task.max_thrust_to_weight, task.min_thrust_to_weight
     low, high = least * shares - TOLERANCE * largest, largest * shares + TOLERANCE * largest
-    # residuals about the centre of mass, three angles of the root, and rounding
-    lever = float(np.linalg.norm(point.p_COM)) / unit.length
-    allowance = TOLERANCE * ((2 + lever) * weights + 4 * float(np.abs(A * high).sum()))
+    # residuals of force and torque, three angles of the root, and rounding
+    allowance = TOLERANCE * (2 * weights + 4 * float(np.abs(A * high).sum()))
     for case, label in zip(task.load_cases, task.case_labels, strict=True):
         tip, com = case.at_end_effector, case.at_com
         if not is_zero(tip.force):
             continue
-        torque = np.add(tip.torque, com.torque) + np.cross(point.p_COM, com.force)
-        b = np.concatenate([np.array(com.force) / unit.force, torque / unit.torque])
+        b = np.concatenate([np.array(com.force) / unit.force, np.add(tip.torque, com.torque) / unit.torque])
         missing = (_shortfall(A, b, low, high) - allowance) / weights
         if missing > 0:
             return Refutation(
@@ -61,10 +58,10 @@ def refute_rigid(task: ResolvedTask, topology: Topology) -> Refutation | None:
 
 
 def _wrenches(point: Point) -> Array:
-    """Return A, about W's origin."""
+    """Return A."""
     (R, p), module = point.poses, point.task.module
-    forces = R @ force_map(module)
-    torques = R @ torque_map(module) + np.cross(p[:, :, None] / module.arm_length, forces, axis=1)
+    forces, o = R @ force_map(module), (p - point.p_COM) / module.arm_length
+    torques = R @ torque_map(module) + np.cross(o[:, :, None], forces, axis=1)
     return np.asarray(np.concatenate([forces, torques], axis=1).transpose(1, 0, 2).reshape(6, -1))
 
 

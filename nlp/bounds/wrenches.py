@@ -48,7 +48,7 @@ import numpy as np
 
 from nlp import names
 from nlp.bounds.duality import multipliers, sphere_maximum
-from nlp.bounds.effort import least_force_norms, rod_force_change, total_forces
+from nlp.bounds.effort import heaviest_extra, least_force_norms, rod_force_change, total_forces
 from nlp.bounds.refutation import (
     Refutation,
     bodies_mass,
@@ -95,18 +95,18 @@ def refute_lift(task: ResolvedTask) -> Refutation | None:
 
 
 def refute_axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
-    """Refute forces that span more directions than the thrust axes of one module or of a straight chain.
+    """Refute forces that span more directions than the thrust axes of a module, a flat lattice or a straight chain.
 
-    One module has one axis, if its rotors are parallel; those of a straight chain lie in the plane perpendicular to
-    its parallel hinges.
+    The first two have one axis, if their rotors are parallel; those of a straight chain lie in the plane
+    perpendicular to its parallel hinges.
 
     If forces F_k, the rows of F, were all produced to within r along d dimensions, the other singular values of F
     would have sum_{j > d} sigma_j^2 <= K r^2.
     """
     if task.module.rotor_table.tilt > 0:
         return None
-    if task.n == 1:
-        d, reason = 1, "a single module thrusts along one axis"
+    if task.n == 1 or task.search.lattice is not None:
+        d, reason = 1, f"{'a flat lattice' if task.n > 1 else 'a single module'} thrusts along one axis"
     elif task.n == 2 or (topology is not None and _is_straight(topology)):
         d, reason = 2, f"the thrust axes of {task.n} modules in a straight chain lie in one plane"
     else:
@@ -238,7 +238,7 @@ def refute_torque(task: ResolvedTask, topology: Topology | None = None) -> Refut
 
     A straight chain has the largest sum of distances of all trees, sum_ij d_ij = n (n^2 - 1) / 3.
     """
-    if task.heaviest_rod:  # its weight has a torque about any point, with an unknown lever
+    if heaviest_extra(task):  # its weight has a torque about any point, with an unknown lever
         return None
     n, module = task.n, task.module
     l_arm = module.arm_length * float(module.rotor_table.distances.max())

@@ -33,9 +33,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Module, ResolvedTask, Topology
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Indices, Module, ResolvedTask, Topology
 from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 
@@ -88,7 +88,7 @@ def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[
     return R, p
 
 
-def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
+def _hinge_rotations(ports: Indices, alpha: Array) -> Array:
     """Return the rotations about the hinges in their parents' frames: about y on the ports +-x, else about x."""
     cosine, sine, about_y = np.cos(alpha), np.sin(alpha), ports % 2 == 0
     R = np.zeros((len(alpha), 3, 3))
@@ -278,7 +278,8 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
 
 def largest_turn(task: ResolvedTask) -> float:
     """Return the largest allowed hinge angle of either sign [rad]; 0 if none is allowed."""
-    return max((max(-low, high) for low, high in allowed_folds(task, task.search.margin)), default=0.0)
+    turns = (max(-low, high) for low, high in allowed_folds(task, task.search.margin))
+    return max(turns, default=0.0) + 0.0  # not -0.0, which NumPy's generators refuse as a range
 
 
 def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:

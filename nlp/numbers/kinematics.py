@@ -16,12 +16,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array, Topology
+from topo_search.model import Array, Flags, Indices, Topology
 
-Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
 
@@ -34,7 +32,7 @@ class Tree(NamedTuple):
     """Port a of the parent."""
     kappa: Indices
     """Quarter turns of each module."""
-    moves: NDArray[np.bool_]
+    moves: Flags
     """True if angle l (psi, alpha_0, alpha_1, then hinges) moves module i, shape (n+2, n)."""
 
 

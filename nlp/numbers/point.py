@@ -11,9 +11,8 @@ import numpy as np
 from nlp.numbers.geometry import Swept, envelopes, poses, root_rotation
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
-from topo_search.model import PORT_DIRECTIONS, Array, Design, ResolvedTask, Topology
+from topo_search.model import PORT_DIRECTIONS, Array, CountedRod, Design, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.end_effector import CountedRod
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlp.air.search_rows import Speeds, speeds_of
 from nlp.numbers.geometry import force_map, torque_map
@@ -22,12 +21,8 @@ from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, row_kinds, variable_bounds
 from nlp.requirements.balances import angular_accelerations
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask, Topology
-from topo_search.model.corners import CorneredTask
+from topo_search.model import Array, CorneredTask, Indices, ResolvedTask, Topology
 from topo_search.model.shape import Hull
-
-Indices = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 class Rotors(NamedTuple):

@@ -35,13 +35,13 @@ import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.kinematics import dot, row
-from nlp.reduced.arrays import Indices, Mask, ReducedProblem
+from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import ReducedPlatform, add_reaction, platform
 from nlp.reduced.speeds import add_speed_rows
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags, Indices
 
 
 class StepSettings(NamedTuple):
@@ -76,13 +76,13 @@ class Evaluation(NamedTuple):
     dV: Array
     g: Array
     J: Array
-    is_near: Mask
+    is_near: Flags
     """Rows that have a gradient, shape (m,)."""
     mu: Array
     """Dual unknowns of the load cases, shape (K, 6): the warm start of the next point."""
     u: Array
     """Inputs of the load cases, shape (K, 4n)."""
-    active: Mask
+    active: Flags
     """The active load cases, shape (K,)."""
 
 
@@ -115,7 +115,7 @@ class StepModel(NamedTuple):
 
 
 @njit(cache=True)
-def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: float) -> Evaluation:
+def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Flags, rho: float) -> Evaluation:
     """Return the reduced problem at x with its active load cases; mu warm-starts the search for the inputs."""
     N, m, K, n = len(x), len(problem.rows.lower), len(problem.cases.weight), len(problem.tree.parent)
     pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, n * len(problem.rotors.forces)))
@@ -129,7 +129,7 @@ def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: fl
 
 @njit(cache=True, inner=True, allocates=False)
 def _slopes(
-    problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradients: Array, J: Array, is_near: Mask
+    problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradients: Array, J: Array, is_near: Flags
 ) -> None:
     """Find which rows are near, and their derivatives by the unknowns.
 
@@ -173,7 +173,7 @@ def estimates(g: Array, lower: Array, multipliers: Array, sigma: float) -> Array
 
 @njit(cache=True)
 def descend(
-    problem: ReducedProblem, x: Array, mu: Array, active: Mask, multipliers: Array, B: Array, phase: DescentPhase
+    problem: ReducedProblem, x: Array, mu: Array, active: Flags, multipliers: Array, B: Array, phase: DescentPhase
 ) -> Evaluation:
     """Return the last point of a phase of descents on M.
 
@@ -286,7 +286,7 @@ def _model_step(
 
 @njit(cache=True, inner=True)
 def _newton(
-    gradient: Array, H: Array, d: Array, low: Array, high: Array, free: Mask, index: Indices, y: Array
+    gradient: Array, H: Array, d: Array, low: Array, high: Array, free: Flags, index: Indices, y: Array
 ) -> None:
     """Find the Newton step y over the free unknowns; an unknown at a bound is fixed if y points outside."""
     N = len(d)

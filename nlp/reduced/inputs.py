@@ -30,10 +30,10 @@ from numba.extending import overload
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.numbers.masses import TINY
-from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
+from nlp.reduced.arrays import ReducedProblem, Rotors
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags
 
 
 class DualAscent(NamedTuple):
@@ -66,7 +66,7 @@ def _compile_limit(of_all: Any, r: Any) -> Callable[[Any, Any], Any]:
 
 @njit(cache=True, inner=True)
 def effort(
-    problem: ReducedProblem, pose: ReducedPlatform, active: Mask, rho: float, mu: Array, u: Array, gradient: Array
+    problem: ReducedProblem, pose: ReducedPlatform, active: Flags, rho: float, mu: Array, u: Array, gradient: Array
 ) -> float:
     """Return the sum of phi over the active load cases, add its gradient by x to `gradient`, and set mu and u.
 

@@ -19,13 +19,13 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.reduced.arrays import Mask, ReducedProblem
+from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.descent import DescentPhase, Evaluation, descend, estimates, evaluate, merit
 from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
 from topo_search.compiled_code import njit
-from topo_search.model import Array, ResolvedTask, Topology
+from topo_search.model import Array, Flags, ResolvedTask, Topology
 
 
 class CornerSettings(NamedTuple):
@@ -45,7 +45,7 @@ CORNERS = CornerSettings()
 
 
 @njit(cache=True)
-def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple[Mask, float]:
+def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple[Flags, float]:
     """Return the active load cases plus the most violated corners, and the largest residual of a corner.
 
     Args:
@@ -132,7 +132,7 @@ class Descent:
     """Indices of the starts that reached it, the best one first."""
     x: Array
     """The unknowns."""
-    active: Mask
+    active: Flags
     """The active load cases, shape (K,)."""
     mu: Array
     """Their dual unknowns, shape (K, 6)."""
@@ -144,7 +144,7 @@ class Descent:
     """Largest missing clearance [l_arm] or residual of a wrench [m_t g, l_arm m_t g]."""
 
     @classmethod
-    def from_start(cls, starts: tuple[int, ...], x: Array, active: Mask) -> Descent:
+    def from_start(cls, starts: tuple[int, ...], x: Array, active: Flags) -> Descent:
         """Return a descent before its first step."""
         return cls(starts, x, active, np.zeros((len(active), 6)), np.zeros((len(x), len(x))))
 

@@ -33,12 +33,12 @@ from nlp.air import jets
 from nlp.air.search_rows import Speeds
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.kinematics import add, cross, row
-from nlp.reduced.arrays import Mask, ReducedProblem
+from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, limit, rotor_wrenches
 from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags
 
 
 class RowLimits(NamedTuple):
@@ -76,7 +76,7 @@ def _speed_rows(
     u: Array,
     g: Array,
     J: Array,
-    is_near: Mask,
+    is_near: Flags,
 ) -> None:
     """Compute the rows of air speeds, the last ones of g, and their Jacobian.
 

@@ -17,8 +17,7 @@ from nlp.numbers.geometry import Ball, Swept
 from nlp.requirements.row_kinds import EnvelopeBody, JetBody, PartsBody, RodBody
 from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.units import Units
-from topo_search.model import AirflowEnvelope, ResolvedTask
-from topo_search.model.kinds import Vector
+from topo_search.model import AirflowEnvelope, ResolvedTask, Vector
 
 MIN_ROD_LENGTH = 1e-9
 """Length of a rod below which it has no direction [l_arm]."""

@@ -32,9 +32,8 @@ from nlp.requirements.bodies import Air, AnyBody, PartBalls, divide
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
-from topo_search.model import LEAST_OFFSET, AnyExposure, Array, ResolvedTask, needs_offset, segment_of
+from topo_search.model import LEAST_OFFSET, AnyExposure, Array, ResolvedTask, Vector, needs_offset, segment_of
 from topo_search.model.exposure import solid_name
-from topo_search.model.kinds import Vector
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 
 ROOT_SMOOTHING = 1e-8

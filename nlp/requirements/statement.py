@@ -20,12 +20,11 @@ from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from nlp.requirements.row_kinds import CentreBody, ModuleObstacle, OffsetObstacle, SearchRow, TipObstacle
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Indices
 
-Subjects = NDArray[np.intp]
+Subjects = Indices
 """Modules i and j of some clearances, shape (m, 2); j is i if a clearance concerns one module or none.
 
 A clearance that may concern any module has all of them, in order."""

@@ -23,12 +23,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
-
-Indices = NDArray[np.int64]
+from topo_search.model import Array, Indices
 
 
 class TabuSearch(NamedTuple):

@@ -44,8 +44,7 @@ import casadi as ca
 from nlp.numbers.geometry import QUARTER_TURNS, force_map, torque_map
 from nlp.numbers.masses import TINY, Masses, RigidBody, RodMass, masses
 from nlp.units import Units
-from topo_search.model import PORT_DIRECTIONS, EndEffector, LoadCase, Module, Topology
-from topo_search.model.kinds import Vector
+from topo_search.model import PORT_DIRECTIONS, EndEffector, LoadCase, Module, Topology, Vector
 
 
 @dataclass(frozen=True)

@@ -166,7 +166,7 @@ class _Numbering:
         n, l_c = topology.n, task.module.connector_distance
         R, p = poses(topology, root_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1.0, 1.0, n - 1), l_c)
         u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, task.module.rotor_table.count))
-        return cls(task, topology, R, p - p.mean(axis=0), rng.normal(size=3), u)
+        return cls(task, Topology(topology.joints), R, p - p.mean(axis=0), rng.normal(size=3), u)
 
     def renumber(self, root: int, turns: int) -> _Numbering:
         """Return the platform numbered from module `root`, with the axes of that module turned by quarter turns."""

@@ -85,12 +85,11 @@ def turning(design: Design) -> bytes:
     platform = poses_to_draw(design)
     first = azimuth_deg(platform)
     views = [_draw(design, platform, first + 360 * k / FRAMES) for k in range(FRAMES)]
-    zoom = min(zoom for _, _, zoom in views)
+    zoom = 0.85 * min(zoom for _, _, zoom in views)  # it turns about a point that is not its middle
     frames = []
     for figure, scene, _ in views:
         low, high = np.array([getattr(scene.axes, f"get_{name}lim")() for name in "xyz"]).T
         scene.axes.set_box_aspect(tuple((high - low) / 2), zoom=zoom)
-        scene.axes.set_axis_off()
         scene.axes.set_position((0, 0, 1, 1))
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=100, facecolor="white")
@@ -103,6 +102,7 @@ def turning(design: Design) -> bytes:
 def _draw(design: Design, platform: Platform, azimuth: float) -> tuple[Figure, Drawing, float]:
     figure = Figure(figsize=(4.4, 4.4))
     scene = Drawing(figure.add_axes((0, 0, 1, 1), projection="3d"), design, platform, azimuth=azimuth)
+    scene.axes.set_axis_off()
     scene.exposure()
     scene.airflow()
     scene.platform()

@@ -86,7 +86,7 @@ def solve(
 
 def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized: bool) -> ts.Topology:
     """Return the tree that `--topology` or `--sample-seed` selects; `sized`: --modules is given."""
-    from topo_search.topologies import sample
+    from topo_search.study import Request
 
     if key is not None and sample_seed is None:
         try:
@@ -100,9 +100,7 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
     if key is None and sample_seed is not None:
         if len(task.sizes) > 1:
             raise ts.BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
-        search = task.search
-        rooting: Any = "paper" if search.root_ranges else "free"
-        (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=rooting)
+        (topology,) = Request(task, "c2", starts=1, seed=0).space(task.sizes[0]).sample(1, sample_seed)
         return topology
     raise click.UsageError("give either --topology or --sample-seed")
 

@@ -29,6 +29,7 @@ from topo_search.report.wording import figures, quantity
 from topo_search.simulation.result import FlightResult, ScenarioResult
 from topo_search.study import Request
 from topo_search.study.answer import quotient_remark
+from verify.air.envelope import envelope_air
 
 
 @dataclass(frozen=True)
@@ -151,8 +152,6 @@ def airflow(task: Task | str | Path | None = None, *, speed: float, at: float | 
     if not speed >= 1e-6:
         raise BadInput("--speed", f"must be at least 1e-06 m/s, but got {speed}")
     ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
-    from verify.air.envelope import envelope_air
-
     smallest = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
     thrust = ratio * module.mass * gravity
     return ModuleAir(speed, ratio, thrust, smallest, envelope_air(module, density, thrust))
@@ -261,8 +260,6 @@ def _requirements(task: Task, *, plausible: bool) -> Iterator[tuple[str, Iterabl
     first, *larger = (task.resolve(n) for n in task.sizes)
     yield from facts(first, *larger)
     if plausible and any(exposure.geometry for exposure in first.exposure):
-        from verify.air.envelope import envelope_air
-
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
         yield "air of one module in hover, on its envelope for regions: at most", speeds

@@ -23,10 +23,9 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.export.brackets import bracket_turns
-from topo_search.model import Array, Design
+from topo_search.model import Array, Design, Flags
 from topo_search.topologies.task_symmetry import HALF_TURN, has_symmetry
 
 
@@ -85,7 +84,7 @@ def _minimize(cost: dict[int, float], rows: Sequence[BracketRow], size: int, int
     return solution.x, solution.fun
 
 
-def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], fewest: int) -> Iterator[tuple[int, int]]:
+def _pairs(needs: Flags, tasks: Sequence[range], fewest: int) -> Iterator[tuple[int, int]]:
     """Yield pairs of designs of adjacent tasks that `fewest` brackets serve with some design of each other task."""
     for t, (before, after) in enumerate(pairwise(tasks)):
         for d in before:

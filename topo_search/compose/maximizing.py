@@ -17,8 +17,7 @@ from typing import NamedTuple
 import verify
 from topo_search.engine import Job
 from topo_search.engine.workers import AuditDesign
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Status
-from topo_search.model.kinds import Vector
+from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Status, Vector
 from topo_search.model.maximized import RESERVES, growing_cases, measure, sample_directions, step_of, task_at
 from topo_search.own_constraint import OwnConstraint
 from topo_search.study.request import Margins

@@ -11,16 +11,7 @@ from typing import Any
 
 import nlp
 import verify
-from topo_search.compose.binding import (
-    AnySampler,
-    available_cores,
-    backends,
-    enclose_speed,
-    named_sampler,
-    open_engine,
-    own_constraints,
-    starting_points,
-)
+from topo_search.compose import binding
 from topo_search.compose.designs import write_page
 from topo_search.engine import DaskWorkers, Workers
 from topo_search.limits import LIMITS
@@ -49,7 +40,7 @@ def search(
     out: str | Path | None = None,
     symmetry: Symmetry = "task",
     strategy: StrategyName | None = None,
-    sampler: AnySampler = "moves",
+    sampler: binding.AnySampler = "moves",
     trials: int | None = 512,
     round_size: int = DEFAULT_ROUND,
     prune: bool = False,
@@ -119,13 +110,17 @@ def search(
         >>> answer.best.key, answer.best.modules, answer.audit.verdict.value
         ('a10', 2, 'clear')
     """
-    base_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
+    base_task = binding.enclose_speed(task if isinstance(task, Task) else read_task(task))
     if maximize is not None:
         with as_bad_input(base_task.name):
             base_task = base_task.replace(search=base_task.search.replace(maximize=maximize))
     warn(base_task)
     by_default: StrategyName = "exhaustive" if base_task.search.maximize is None else "randomized"
-    designs, checked, own_sampler = starting_points(near), own_constraints(constraints), named_sampler(sampler)
+    designs, checked, own_sampler = (
+        binding.starting_points(near),
+        binding.own_constraints(constraints),
+        binding.named_sampler(sampler),
+    )
     request = Request(
         base_task,
         symmetry,
@@ -148,7 +143,7 @@ def search(
     path = Path("runs") / request.folder_name if out is None else Path(out)
     may_take_long = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
     # an exhaustive search of more than a day on all cores has to be requested
-    _refuse_too_long(request, math.inf if may_take_long else 24 * 3600.0 * (workers or available_cores()))
+    _refuse_too_long(request, math.inf if may_take_long else 24 * 3600.0 * (workers or binding.available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if keep_within is not None and base_task.search.maximize is not None:
@@ -178,13 +173,13 @@ def search(
 
     with (
         visible_progress(observer) as shown,
-        open_engine(workers, dask, shown) as engine,
+        binding.open_engine(workers, dask, shown) as engine,
         serve_live(path, shown) if live else nullcontext(shown) as listener,
     ):
         return run(
             request,
             path,
-            backends(checked),
+            binding.backends(checked),
             engine=engine,
             observer=listener,
             workers=engine.count if isinstance(engine, Workers) else None,
@@ -239,7 +234,7 @@ def prove(
         True
     """
     _refuse_gap("gap", gap)
-    with visible_progress(observer) as shown, open_engine(workers, dask, shown) as engine:
+    with visible_progress(observer) as shown, binding.open_engine(workers, dask, shown) as engine:
         options = {"gap": gap, "key": topology, "problem": problem, "time_limit": time_limit}
         return _prove(Path(folder), engine, shown, source_run=lender and Path(lender), **options)
 
@@ -248,7 +243,7 @@ def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **opti
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
     prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
     options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
-    return prove_run(path, nlp.prove_chunk, nlp.proof_root, backends(()).solve, **options)
+    return prove_run(path, nlp.prove_chunk, nlp.proof_root, binding.backends(()).solve, **options)
 
 
 def _refuse_gap(name: str, gap: float) -> None:
@@ -279,7 +274,7 @@ def check_proofs(
         BadInput: the folder is not a run, or has no audited design or no such tree.
         WorkersLost: as for `search`.
     """
-    with visible_progress(observer) as shown, open_engine(workers, dask, shown) as engine:
+    with visible_progress(observer) as shown, binding.open_engine(workers, dask, shown) as engine:
         return check_run(
             Path(folder),
             verify.check_chunk,

@@ -24,7 +24,7 @@ AROUND, BELOW = 0.5, 2.0
 class AirField(NamedTuple):
     """Air speeds of a design on a grid, from the root's centre in the axes of the task."""
 
-    origin: NDArray[np.float64]
+    origin: Array
     """First point of the grid, shape (3,) [m]."""
     step: float
     """Grid spacing [m]."""

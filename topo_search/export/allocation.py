@@ -48,14 +48,11 @@ from pprint import pformat
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
+from topo_search.model import Array, Design, Flags, Module
 from topo_search.model.kinds import Index, Number, Vector
-from topo_search.model.module import Module
 from topo_search.model.text import csv_text
 from topo_search.model.value import BadInput, Fault, Value
 from verify.flight.joints import inertia
@@ -361,7 +358,7 @@ def ct_factor(platform_data: Allocation) -> float:
     )
 
 
-def _row_sizes(G: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _row_sizes(G: Array) -> tuple[Array, Flags]:
     """Return the largest entry of each row of G, and which rows are not faint, both (6,)."""
     sizes = np.abs(G).max(axis=1)
     return sizes, sizes > FAINT * np.repeat(sizes.reshape(2, 3).max(axis=1), 3)

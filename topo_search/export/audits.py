@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
-from topo_search.model import Audit, Clearance, Flight, Residual, RotorsOut, Status
+from topo_search.model import Audit, Capability, Clearance, Flight, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import escape_formula
-from topo_search.model.vehicle import Capability
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
-from matplotlib.transforms import Bbox
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -146,11 +145,11 @@ def save(figure: Figure, path: str | Path) -> None:
     write_atomically(path, content(figure, kind))
 
 
-def content(figure: Figure, kind: str) -> bytes:
+def content(figure: Figure, kind: str, *, dpi: int = 300) -> bytes:
     """Return a figure as the content of a file; no date in it, so that the same figure is the same file."""
     stream, dated = io.BytesIO(), {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
     with style.context(PAPER):
-        figure.savefig(stream, format=kind, metadata=dated.get(kind))
+        figure.savefig(stream, format=kind, dpi=dpi, metadata=dated.get(kind))
     return stream.getvalue()
 
 
@@ -270,12 +269,14 @@ class Drawing:
         axes, zoom = self.axes, 1.0
         place, inches = axes.get_position(original=True), np.array(axes.figure.get_size_inches())
         size = 0.98 * inches * place.size
+        axes.set_position(place)  # no layout moves them from now on
+        shown = (axes.xaxis, axes.yaxis, axes.zaxis) if axes._axis3don else ()
+        box = np.array(list(itertools.product(*self._limits()))) if shown else np.concatenate(self._points)
         for _ in range(4):  # labels keep their size, and depend on the place of the box
             axes.set_box_aspect(tuple(half), zoom=zoom)
             axes.figure.draw_without_rendering()  # places the labels
-            corners = self._on_paper(np.array(list(itertools.product(*self._limits())))) / 72
-            labels = Bbox.union([axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)])
-            everything = np.vstack([corners, labels.get_points() / axes.figure.dpi])
+            labels = [axis.get_tightbbox().get_points() / axes.figure.dpi for axis in shown]
+            everything = np.vstack([self._on_paper(box) / 72, *labels])
             zoom *= float((size / np.ptp(everything, axis=0)).min())
         middle = (everything.min(axis=0) + everything.max(axis=0)) / 2 / inches
         axes.set_position(place.translated(*((place.p0 + place.p1) / 2 - middle)))

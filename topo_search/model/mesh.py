@@ -19,11 +19,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model.arrays import Array
-
-Indices = NDArray[np.intp]
+from topo_search.model.arrays import Array, Indices
 
 SIDES = 48
 """Sides of a circle: its sagitta is 0.21 % of the radius."""

@@ -14,18 +14,17 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Never, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import Array, Indices
 from topo_search.model.kinds import Index, NonNegative, Positive, Vector, at_most
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, has_volume, quickhull
 from topo_search.model.text import Folder, read_regular
 from topo_search.model.value import Broken, Value, refuse, show, to_printable
 
-Triangles = NDArray[np.intp]
+Triangles = Indices
 Result = TypeVar("Result")
 
 LARGEST_COORDINATE = 1e15

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, Indices, read_only
 from topo_search.model.kinds import Omitted, Positive, Vector
 from topo_search.model.value import Broken, Value
 
@@ -195,7 +194,7 @@ class RotorTable:
         kinds = self.kinds - self.kinds[images]
         return all(bool(np.abs(part).max() <= SAME) for part in (moved, turned, same_spins, kinds))
 
-    def images(self, Q: Array) -> NDArray[np.intp]:
+    def images(self, Q: Array) -> Indices:
         """Return the rotor that each one falls on if the module is turned or mirrored by Q, shape (r,)."""
         moved = self.positions @ Q.T
         return np.asarray(np.linalg.norm(moved[:, None] - self.positions, axis=2).argmin(axis=1))

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import Array, Indices
 from topo_search.model.kinds import Vector
-from topo_search.model.mesh import SIDES, Indices, Mesh, circle, cone_sphere, cone_sphere_outline, rotation_to
+from topo_search.model.mesh import SIDES, Mesh, circle, cone_sphere, cone_sphere_outline, rotation_to
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull

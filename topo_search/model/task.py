@@ -466,6 +466,12 @@ class ResolvedTask(Task):
         return (heaviest + TOLERANCE * self.total_mass(self.n)) / (1 - TOLERANCE)
 
     @property
+    def heaviest_closures(self) -> float:
+        """Largest mass of the joints that close a lattice's cycles: n cells have at most 2 n - 2 sqrt(n) [kg]."""
+        most = int((math.sqrt(self.n) - 1) ** 2 + 1e-9)
+        return 0.0 if self.search.lattice is None else most * self.module.joint_mass
+
+    @property
     def declared(self) -> ResolvedTask:
         """Task without expanded sets of wrenches, as in a design file."""
         return self

@@ -26,7 +26,8 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from topo_search.model.arrays import Indices
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -225,7 +226,7 @@ class Topology:
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in occupied)
 
     @cached_property
-    def distances(self) -> NDArray[np.int_]:
+    def distances(self) -> Indices:
         """Number of joints between any two modules in the tree, shape (n, n)."""
         distances = np.zeros((self.n, self.n), dtype=int)
         for i in range(1, self.n):

@@ -1,5 +1,6 @@
 """What a notebook shows in a cell: the 3-D view of a design, a page of its own in a frame; pictures."""
 
+from base64 import b64encode
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -9,6 +10,9 @@ from typing import Any, Self
 from topo_search.limits import quantity
 from topo_search.model import Audit, Design, Task
 from topo_search.model.files import write_atomically
+
+INVERTED = ':is([data-jp-theme-light="false"], .vscode-dark) .topo-search { filter: invert(1) hue-rotate(180deg); }'
+"""Style of pictures with dark ink in a dark notebook: light ink, and the same hues."""
 
 
 @dataclass(frozen=True)
@@ -46,10 +50,16 @@ class Picture:
 
     of: Design | Task
 
-    def _repr_png_(self) -> bytes:
-        from topo_search.export import picture  # imports matplotlib, which the extra `viz` installs
+    def _repr_mimebundle_(self, **_: object) -> tuple[dict[str, str], dict[str, str]]:
+        """Return the picture as HTML and as PNG, which a dark notebook has to put on a light ground."""
+        from topo_search.export.picture import content, figure_of  # imports matplotlib, from the extra `viz`
         from topo_search.export.task_picture import task_figure
 
         if isinstance(self.of, Design):
-            return picture.picture(self.of, "png")
-        return picture.content(task_figure(self.of.resolve(self.of.sizes[-1])), "png")
+            figure, name = figure_of(self.of), self.of.task.name
+        else:
+            figure, name = task_figure(self.of.resolve(self.of.sizes[-1])), self.of.name
+        png = b64encode(content(figure, "png", dpi=150)).decode()
+        look = f'class="topo-search" alt="picture of {escape(name)}" style="width: min(100%, 860px)"'
+        html = f'<style>{INVERTED}</style><img {look} src="data:image/png;base64,{png}">'
+        return {"text/html": html, "image/png": png}, {"needs_background": "light"}

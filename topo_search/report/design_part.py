@@ -9,10 +9,9 @@ import numpy as np
 from topo_search.export.audits import flight_lines
 from topo_search.export.poses import axis_words
 from topo_search.limits import vector
-from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
+from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status, Vector
 from topo_search.model.air import AirSpeeds
 from topo_search.model.flight import direction
-from topo_search.model.kinds import Vector
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.stated import StatedCheck
 from topo_search.model.topology import PORT_NAMES

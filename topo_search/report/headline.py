@@ -12,11 +12,10 @@ from markupsafe import Markup
 from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Audit, BadInput, Clearance, Design, Flight
+from topo_search.model import Audit, BadInput, Clearance, Design, Flight, Objective
 from topo_search.model.flight import direction
 from topo_search.model.flying import find_missed
 from topo_search.model.largest_value import LargestValue, ability, objective_of
-from topo_search.model.objective import Objective
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report import Tile, json_in_script

@@ -7,9 +7,7 @@ from itertools import groupby
 
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import modules, quantity
-from topo_search.study.ledger import Row
-from topo_search.study.progress import Phase, Plan
-from topo_search.study.time_left import TimeLeft
+from topo_search.study import Phase, Plan, Row, TimeLeft
 
 Words = Callable[[Row | None], str]
 """Function that describes the best design so far in a few words."""

@@ -34,15 +34,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from topo_search.limits import quantity
-from topo_search.model import task_file
+from topo_search.model import Module, Task, task_file
 from topo_search.model.body import OUTWARDS, Body
 from topo_search.model.folds import folds_text
 from topo_search.model.load_case import LoadCase, objects
-from topo_search.model.module import Module
 from topo_search.model.placement import blocks
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, bracket_obstacle, frame_reach, packed_width, rotor_reach
-from topo_search.model.task import Task
 from topo_search.model.value import Value, show
 
 

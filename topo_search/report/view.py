@@ -34,8 +34,8 @@ from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, poses_to_draw, towards_viewer
 from topo_search.export.solids import cylinder, join
 from topo_search.limits import vector as vector_text
-from topo_search.model import Array, Assembly, Audit, Design, LoadCase
-from topo_search.model.mesh import Indices, Mesh, rotation_to
+from topo_search.model import Array, Assembly, Audit, Design, Indices, LoadCase
+from topo_search.model.mesh import Mesh, rotation_to
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up

@@ -28,9 +28,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model import Array, LoadCase, Module, ResolvedTask
+from topo_search.model import Array, Flags, LoadCase, Module, ResolvedTask
 from topo_search.model.corners import to_corners
 from topo_search.topologies.rooted import Group, Root, Symmetry, group_of
 
@@ -66,7 +65,7 @@ class _Kind(NamedTuple):
     """Vectors of the f features, polar ones first, shape (f, m + k, 3)."""
     signs: Array
     """Signs of P v under O = -P: -1 for polar vectors, 1 for axial ones, shape (m + k, 1)."""
-    same_scalars: NDArray[np.bool_]
+    same_scalars: Flags
     """True where two features have the same scalars, shape (f, f)."""
     ordered: bool
     """False for regions, whose vectors are unordered."""
@@ -201,7 +200,7 @@ def _wrench(case: LoadCase, at_com: bool, apart: bool) -> tuple[Array, Array]:
     return (forces.sum(axis=0, keepdims=True) if at_com else forces), torques
 
 
-def _are_same(first: Array, second: Array) -> NDArray[np.bool_]:
+def _are_same(first: Array, second: Array) -> Flags:
     """Return where vectors (..., 3) count as equal."""
     lengths = np.maximum(np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1))
     return np.asarray(np.linalg.norm(first - second, axis=-1) <= TOLERANCE * lengths)
@@ -318,7 +317,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
     return Resolution(group, True, f"{merged}; {mirror}")
 
 
-def describe(O: NDArray[np.float64]) -> str:
+def describe(O: Array) -> str:
     """Return an improper isometry, shape (3, 3), in words."""
     turn = float(np.trace(O)) + 1.0  # twice the cosine of the turn about the normal
     if turn <= -2.0 + TOLERANCE:

@@ -22,11 +22,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from topo_search.model import Module, Residual, Status
+from topo_search.model import Array, Module, Residual, Status
 from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
-from verify.bodies import AllowedCone, Array, ConeSphere, ball, basis_across, nearest_on_axis
+from verify.bodies import AllowedCone, ConeSphere, ball, basis_across, nearest_on_axis
 from verify.certificate import RoundBody
 from verify.hulls import HullBody
 from verify.meshes import LARGEST_COORDINATE

@@ -35,16 +35,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model import Module
+from topo_search.model import Array, Flags, Module
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
 from topo_search.model.airflow import Airflow
 from topo_search.model.proven import at_most
 from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed
 from verify.air.jets import MODEL, Jets, jets, speeds
-from verify.bodies import Array, ball
+from verify.bodies import ball
 from verify.certificate import RoundBody
 
 
@@ -311,9 +310,7 @@ def _split_angles(which: Array, *cells: Array) -> list[Array]:
     return split
 
 
-def _bounds(
-    air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array
-) -> tuple[Array, NDArray[np.bool_]]:
+def _bounds(air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array) -> tuple[Array, Flags]:
     """Return bounds in cells of a radius about (z, r) and an arc, and where the arc raises them."""
     points = _points(z, r, phi)
     turned, still = (speeds(air, points, radius, turn)[:, 0] * (1 + BOUND.rounding) for turn in (arc, 0.0))

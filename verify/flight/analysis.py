@@ -29,9 +29,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model import Array, CaseFlight, Design, Flight, JointLoad, LoadCase, RotorsOut, Wrench
+from topo_search.model import Array, CaseFlight, Design, Flags, Flight, JointLoad, LoadCase, RotorsOut, Wrench
 from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
@@ -275,7 +274,7 @@ class CapabilityAnalysis:
         """Return the single rotors whose failure cases survive, given their numbers (0: hover)."""
         failures = [self._failures[row] for row in np.unique(self.wrench_index[list(cases)])]
         possible = np.all([row.possible for row in failures], axis=0)
-        lost: NDArray[np.bool_] = np.any([row.impossible for row in failures], axis=0)
+        lost: Flags = np.any([row.impossible for row in failures], axis=0)
         lower, upper = (np.min([row[side] for row in failures], axis=0) for side in (2, 3))
         survived, hover_only = possible & (lower >= self.enough_left), possible & (upper < self.enough_left)
         left = dict[str, Any]()
@@ -293,7 +292,7 @@ class CapabilityAnalysis:
             **left,
         )
 
-    def _rotors(self, which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    def _rotors(self, which: Flags) -> tuple[tuple[int, int], ...]:
         """Return module and rotor numbers of the selected rotors, shape (N,)."""
         return tuple(divmod(int(j), self._rotors_each) for j in np.flatnonzero(which))
 

@@ -49,13 +49,11 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from topo_search.model import Array
+from topo_search.model import Array, Flags, Indices
 from topo_search.model.proven import TOLERANCE
 from verify.flight.programs import Bounds, find_solutions, greatest, times
-from verify.meshes import Indices
 
 ACCURACY = 1e-7
 """Gap between the bounds on r, in weights, or on t [rad] at which refinement ends."""
@@ -294,9 +292,9 @@ class PseudoInverse:
 class RotorFailures(NamedTuple):
     """A wrench with each single rotor dead, shape (N,) each."""
 
-    possible: NDArray[np.bool_]
+    possible: Flags
     """True if the wrench is proven possible."""
-    impossible: NDArray[np.bool_]
+    impossible: Flags
     """True if it is proven impossible."""
     lower: Array
     """Lower bound on the radius of the ball of added torques [l_arm m_t g]; 0 if unproven."""

@@ -49,11 +49,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from topo_search.model import Array, Flags, Indices
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array, norms
-from verify.meshes import Indices
+from verify.bodies import norms
 
 Splits = Sequence[int]
 SimplexResult = tuple[Array, Array, Array, Indices]
@@ -157,9 +156,9 @@ def _bracket(
 class Solvable:
     """Solvability of equations within bounds, to the audit's tolerance."""
 
-    yes: NDArray[np.bool_]
+    yes: Flags
     """True if v is proven to be a solution, shape (B,)."""
-    no: NDArray[np.bool_]
+    no: Flags
     """True if it is proven that there is no solution, shape (B,); undecided if neither."""
     v: Array
     """Shape (B, N)."""
@@ -180,11 +179,11 @@ def find_solutions(M: Array, m: Array, box: Bounds) -> Solvable:
     return Solvable(yes, no, v)
 
 
-def _is_solution(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
+def _is_solution(M: Array, m: Array, v: Array) -> Flags:
     return np.asarray(np.abs(v @ M.T - m).max(axis=1) <= TOLERANCE)
 
 
-def _is_infeasible(M: Array, m: Array, box: Bounds, y: Array) -> NDArray[np.bool_]:
+def _is_infeasible(M: Array, m: Array, box: Bounds, y: Array) -> Flags:
     """Return whether each y proves that no v within the bounds solves the equations to TOLERANCE."""
     norm = np.sum(np.abs(y), axis=1, keepdims=True)
     y = y / np.where(norm > 0, norm, 1.0)
@@ -326,8 +325,8 @@ def solve(
 
 
 def _breakpoints(
-    r: Array, alpha: Array, violation: Array, at_high: NDArray[np.bool_], free: NDArray[np.bool_], width: Array
-) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+    r: Array, alpha: Array, violation: Array, at_high: Flags, free: Flags, width: Array
+) -> tuple[Indices, Flags, Flags]:
     """Return the entering variable, the variables that are passed and flip their bound, and whether any enters."""
     rate = np.where(at_high, alpha, -alpha)
     # smallest pivot relative to the largest of its row

@@ -24,8 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
-from verify.proof.platform import CheckProblem, Indices
+from topo_search.model import Array, Indices
+from verify.proof.platform import CheckProblem
 
 MAX_WIDTH = 1.6
 """Largest width of an interval with a triangle: no coordinate of a vertex exceeds 1.44 [rad]."""

@@ -29,9 +29,9 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
+from topo_search.model import Array, Indices
 from verify.proof.dual import residual
-from verify.proof.platform import ROTORS, CheckProblem, Indices
+from verify.proof.platform import ROTORS, CheckProblem
 from verify.proof.points import MAX_POINTS, Points, fill_condition_inverse
 
 

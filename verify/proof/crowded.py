@@ -21,9 +21,9 @@ import math
 import numpy as np
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
+from topo_search.model import Array, Indices
 from verify.proof.arcs import ArcFrames
-from verify.proof.platform import CheckProblem, Indices
+from verify.proof.platform import CheckProblem
 
 Vector = tuple[float, float, float]
 ORIGIN = (0.0, 0.0, 0.0)

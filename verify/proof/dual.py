@@ -36,10 +36,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
+from topo_search.model import Array, Flags
 from topo_search.model.proven import TOLERANCE
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import ROTORS, CheckProblem
@@ -62,7 +61,7 @@ class DualWorkspace(NamedTuple):
     """`lever_force` in the root's frame, shape (3, roots)."""
     wall_sums: Array
     """sum_r sigma_r n_r and sum_r sigma_r distance_r n_r by module, in the root's frame, shape (n, 2, 3, roots)."""
-    active: NDArray[np.bool_]
+    active: Flags
     """Load cases with a weight or multipliers; others add nothing; shape (K,)."""
     least_sum: Array
     """Least sum over a module and all modules beyond it, shape (frames, roots)."""

@@ -38,18 +38,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import PORT_DIRECTIONS, Array, LoadCase, ResolvedTask, Topology
-from topo_search.model.corners import CorneredTask
+from topo_search.model import PORT_DIRECTIONS, Array, CorneredTask, Flags, Indices, LoadCase, ResolvedTask, Topology
 from topo_search.model.proof import Problem, cases_with_heaviest_rod, proof_task
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.rotors import x_quadrotor
 from verify.proof.rod import RodInterval, rod_interval
 from verify.requirements import half_spaces
-
-Indices = NDArray[np.int64]
 
 ROTORS = x_quadrotor().count
 """r, the number of rotors of the modules for which the checker is compiled."""
@@ -68,7 +64,7 @@ class CheckProblem(NamedTuple):
     """Quarter turns between the parent's frame behind the hinge and the module's."""
     depth: Indices
     """Number of hinges between the root and a module, shape (n,)."""
-    bolted: NDArray[np.bool_]
+    bolted: Flags
     """True if two modules share a joint, shape (n, n)."""
     bodies: Array
     """Mass of each module with its joints over the mean, and moments along the module's x and y, shape (n, 3)."""

@@ -11,10 +11,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
+from topo_search.model import Array, Flags
 from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import ROTORS, CheckProblem
 
@@ -27,7 +26,7 @@ class AngleDerivatives(NamedTuple):
 
     rho: Array
     """Half widths, shape (A,)."""
-    is_turned: NDArray[np.bool_]
+    is_turned: Flags
     """True if an angle turns a module, shape (A, n)."""
     axes: Array
     """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
@@ -55,7 +54,7 @@ class Points(NamedTuple):
     """sum_{a, j} rho_a^2 beta_aj beta_aj^T at the middle, 0 at vertices, shape (6, 6)."""
     weight: Array
     """Weight of each load case, at least the kink width s, shape (K,)."""
-    active: NDArray[np.bool_]
+    active: Flags
     """False for idle load cases, shape (K,)."""
     condition_inverse: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T over active load cases, shape (3, 3)."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.compiled_code import njit
-from topo_search.model import Array
+from topo_search.model import Array, Indices
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import ArcFrames
 from verify.proof.crowded import find_crowded_pair
@@ -65,7 +65,7 @@ class ReplayWorkspace(NamedTuple):
     """Multipliers of parallel thrust axes, shape (K, 6)."""
     initial_sigma: Array
     """Zeros, shape (W,)."""
-    module_pair: NDArray[np.int64]
+    module_pair: Indices
     """Modules that were crowded in the previous box, shape (2,)."""
 
 

@@ -20,12 +20,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nlp.bounds.branch.rod import RodChange, rod_change, wrenches
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
-from topo_search.model import PORT_DIRECTIONS, Array, LoadCase, ResolvedTask, Topology
+from topo_search.model import PORT_DIRECTIONS, Array, Flags, Indices, LoadCase, ResolvedTask, Topology
 from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.kinds import Vector
@@ -34,8 +33,6 @@ from topo_search.model.proven import TOLERANCE
 from topo_search.model.rotors import x_quadrotor
 from topo_search.model.shape import NOWHERE
 from topo_search.model.topology import ROOT, Joint
-
-Indices = NDArray[np.int64]
 
 ROTORS = x_quadrotor().count
 """r, the number of rotors of the modules for which the search is compiled."""
@@ -60,7 +57,7 @@ class TreePaths(NamedTuple):
     """Angles that move module i, outermost first: psi, alpha_0, alpha_1, then hinges; shape (n, A), -1 beyond."""
     first: Indices
     """Index of the first of the 2^depth[i] frames of module i, then the number of frames, shape (n + 1,)."""
-    bolted: NDArray[np.bool_]
+    bolted: Flags
     """True if two modules share a joint, shape (n, n)."""
 
 

@@ -61,13 +61,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import ROTORS, SHARE, BranchProblem, Indices
+from nlp.bounds.branch.arrays import ROTORS, SHARE, BranchProblem
 from nlp.bounds.branch.frames import BoxFrames, moment
 from nlp.bounds.branch.multipliers import best_input, lever_sum, residual
 from nlp.bounds.branch.rod import RodChange
 from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Indices
 
 CUBIC = 1 / (9 * math.sqrt(3))
 """Largest coefficient of rho^3 (module docstring)."""

@@ -19,7 +19,7 @@ from nlp.bounds.branch.multipliers import copy
 from nlp.bounds.branch.vertices import VertexWorkspace, vertex_workspace
 from nlp.numbers import cholesky, kinematics
 from topo_search.compiled_code import njit, refresh
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags
 
 BOUND, CROWDED, SPLIT = 0, 1, 2
 CLOSED, BOX_LIMIT, STUCK = 0, 1, 2
@@ -69,11 +69,11 @@ class BoxStack(NamedTuple):
     y: Array
     """Multipliers of the parent box, shape (depth, K, 6)."""
     sigma: Array
-    has_bound: NDArray[np.bool_]
+    has_bound: Flags
     """True if the parent was bounded."""
-    hinge_halved: NDArray[np.bool_]
+    hinge_halved: Flags
     """True if the parent was halved along a hinge."""
-    active_cases: NDArray[np.bool_]
+    active_cases: Flags
     """Load cases and corners whose multipliers exclude some box, shape (K,)."""
 
 
@@ -103,7 +103,7 @@ class SearchResult(NamedTuple):
     lower: Array
     """Least angles of the box at which the search ended."""
     upper: Array
-    active_cases: NDArray[np.bool_]
+    active_cases: Flags
     """Load cases and corners whose multipliers exclude some box, shape (K,)."""
 
 

@@ -4,14 +4,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlp.bounds.branch.arrays import ROTORS, BranchProblem, Indices
+from nlp.bounds.branch.arrays import ROTORS, BranchProblem
 from nlp.bounds.branch.frames import BoxFrames, moment, rotate
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input, lever_sum
 from nlp.numbers.kinematics import add, cross, dot, row
 from topo_search.compiled_code import njit
-from topo_search.model.arrays import Array
+from topo_search.model import Array, Flags, Indices
 
 MAX_VERTICES = 32
 """Largest number of vertices that enter a step."""
@@ -61,7 +60,7 @@ class VertexWorkspace(NamedTuple):
     wall_gradient: Array
     ridge: Array
     """r, shape (K, 6)."""
-    active: NDArray[np.bool_]
+    active: Flags
     """False for idle corners, shape (K,)."""
     y: Array
     """Multipliers that satisfy the condition, shape (K, 6)."""

@@ -62,7 +62,6 @@ from random import Random
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from optuna import Study
 from optuna.trial import FrozenTrial
 from scipy.linalg import cho_factor, cho_solve
@@ -71,10 +70,8 @@ from scipy.special import ndtri
 
 from topo_search.engine.proposals.trials import HALVING, Idea, Merit, TreeSampler, steps
 from topo_search.engine.strategy import Candidates, Tried
-from topo_search.model import PORT_DIRECTIONS, Array, Topology
+from topo_search.model import PORT_DIRECTIONS, Array, Indices, Topology
 from topo_search.topologies.rooted import Connectors
-
-Indices = NDArray[np.int_]
 
 PATTERNS = tuple(
     pattern
