@@ -13,8 +13,11 @@ from test_verify_air import attack, blow, some
 
 from nlp import solve
 from nlp.air.jets import ROUNDED, find_factors, jet_of, total_speed
+from topo_search.compose import fly
 from topo_search.model import Design, Module, Status, Topology
 from topo_search.model.task_file import read_task
+from topo_search.report.design_page import design_page
+from topo_search.report.page import render
 from topo_search.simulation.campaign import worst_wakes
 from verify import audit
 from verify.air.bound import case_jets, ingested_wakes
@@ -178,6 +181,16 @@ def test_flights_of_other_rotors_have_wakes() -> None:
     )
     assert isinstance(design, Design)
     assert len(worst_wakes(design)) == 12
+
+
+def test_two_modules_of_unequal_rotors_fly_and_their_page_says_what_effort_is() -> None:
+    fields = {**CASES["unequal"], "mass": 0.2}
+    task = push(2, module=fields, load_cases=[HOVER], search={"interference": "parts"})
+    design = solve(task, Topology.from_key("a10"), starts=range(4), seed=0)
+    assert isinstance(design, Design)
+    flown = fly(design, only=("hover", "gust"))
+    assert [result.outcome for result in flown.scenarios] == ["recovered", "recovered"]
+    assert "not the sum of squared thrusts" in render(design_page(design, audit(design), "mine.json"))
 
 
 @pytest.mark.parametrize("fields", [CASES["hexarotor"], UPRIGHT])

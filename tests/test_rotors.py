@@ -170,6 +170,12 @@ def test_hover_reserves_and_single_failures_are_those_of_linear_programs(seed: i
         held = [weight * largest_factor(hover, np.array([*d, 0.0, 0.0, 0.0])) for d in (weakest, *directions)]
         assert reserve == pytest.approx(held[0], rel=1e-5, abs=1e-7 * weight)
         assert min(held) >= reserve * (1 - 1e-6) - 1e-7 * weight
+        # no torque that linear programs hold is below the proven reserve, and the weakest one known is near it
+        torques = [out.hover.torque_weakest, *rng.normal(size=(24, 3))]
+        turned = [np.append(np.zeros(3), d / np.linalg.norm(d)) for d in torques]
+        held = [weight * l_arm * largest_factor(hover, d) for d in turned]
+        assert min(held) >= out.hover.torque_reserve_Nm * (1 - 1e-6) - 1e-7 * weight * l_arm
+        assert held[0] <= out.hover.torque_reserve_at_most_Nm * (1 + 1e-6) + 1e-7 * weight * l_arm
     lost = [divmod(j, len(rotors)) for j in range(A.shape[1]) if largest_factor(np.zeros(6), hover, j) < 1 - 1e-6]
     assert set(out.rotors_out_hover.lost) == set(lost)
     assert out.rotors_out_hover.of == A.shape[1]

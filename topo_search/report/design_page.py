@@ -68,7 +68,11 @@ def bound(
     if lower_bound is None:
         return ("The design has no lower bound, so its distance from the optimum is unknown.",)
     n, attitude = task.n, task.attitude and " that keeps one attitude for all wrenches"
-    statement = f"Lower bound: {rounded_down(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    alike = task.module.rotor_table.is_uniform
+    differ = "" if alike else " Rotors differ, so it is not the sum of squared thrusts."
+    statement = (
+        f"Lower bound: {rounded_down(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}.{differ}"
+    )
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind{attitude}, with any tree, hinge angles and "
         "end-effector position. It is the control effort for the forces of the load cases, within the rotors' "
