@@ -115,10 +115,10 @@ class View {
     const end = rows.at(-1)[0];
     if (this.time >= end) this.time = 0;
     this.element.querySelector("[data-play]").textContent = "Pause";
-    let last = performance.now();
+    let last; // time of the frame before
     const step = (now) => {
       this.playing = this.time < end ? requestAnimationFrame(step) : this.pause();
-      this.seek(Math.min(end, this.time + (now - last) / 1000));
+      this.seek(Math.min(end, this.time + (now - (last ?? now)) / 1000));
       last = now;
     };
     this.playing = requestAnimationFrame(step);
