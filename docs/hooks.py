@@ -18,8 +18,11 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from topo_search.cli import GROUPS
+from topo_search.compose.binding import proven_bound
+from topo_search.compose.referee import best_known
 from topo_search.limits import LIMITS, Limits
-from topo_search.model.task_file import examples, task_template
+from topo_search.model.largest_value import objective_of
+from topo_search.model.task_file import examples, read_task, task_template
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
 ROOT = Path(__file__).parents[1]
@@ -92,6 +95,23 @@ def _task_file() -> str:
 def _gallery() -> str:
     results = json.loads((RESULTS / "gallery.json").read_text(encoding="utf-8"))
     return "\n".join(_example(name, results.get(name)) for name in examples())
+
+
+def _benchmark() -> str:
+    """Return a table of the best known designs of the shipped tasks, and their proven bounds."""
+    rows = [
+        "| task | modules | best known | tree | proven of all platforms of that size |",
+        "|---|---|---|---|---|",
+    ]
+    folder = resources.files("topo_search") / "examples" / "best"
+    for file in sorted(entry.name for entry in folder.iterdir()):
+        name, _, n = file.removesuffix(".json").rpartition("-")
+        known = best_known(name, int(n))
+        assert known is not None
+        task, rated = read_task(name, (f"modules={n}",)).resolve(int(n)), objective_of(known.task)
+        bound = rated.claim(proven_bound(task.with_closures(len(known.topology.closures))))
+        rows.append(f"| `{name}` | {n} | {rated.words(known, 5)} | `{known.topology.key}` | {bound} |")
+    return "\n".join(rows)
 
 
 def _example(name: str, result: dict[str, Any] | None) -> str:
@@ -210,6 +230,7 @@ GENERATED = {
     "commands": _commands,
     "limits": _limits,
     "task file": _task_file,
+    "benchmark": _benchmark,
     "gallery": _gallery,
     "flight of push": partial(_flight, "push-a70010"),
     "flight of wall-push": partial(_flight, "wall-push"),

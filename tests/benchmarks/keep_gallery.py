@@ -49,18 +49,9 @@ def main() -> None:
     parser.add_argument("examples", nargs="*", default=examples())
     for name in parser.parse_args().examples:
         before = _cpu_seconds()
-        task = read_task(name)
-        strategy, options = dict[str, Any](), ""
-        if not isinstance(task.modules, int):
-            options = f" --modules {task.sizes[0]}"
-            task = read_task(name, (f"modules={task.sizes[0]}",))
-        elif task.modules > EXHAUSTIVE_UP_TO:
-            strategy, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
-        with tempfile.TemporaryDirectory() as folder:
-            answer = topo_search.search(task, out=Path(folder) / "run", **strategy)
-            if answer.best is None:
-                raise SystemExit(f"{name}: no design to show; give it more trials")
-            design = read_json(Design, Path(folder) / "run" / "best.json")
+        answer, design, options = search_shipped(name)
+        if answer.best is None:
+            raise SystemExit(f"{name}: no design to show; give it more trials")
         gallery = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
         gallery[name] = {
             "options": options,
@@ -78,6 +69,20 @@ def main() -> None:
         if name == ANIMATED:
             write_atomically(PICTURES / "turning.webp", turning(design))
         print(name, gallery[name], flush=True)
+
+
+def search_shipped(name: str) -> tuple[topo_search.Answer, Design, str]:
+    """Search a shipped task, and return the answer, its best design, and the options of the same command."""
+    task = read_task(name)
+    strategy, options = dict[str, Any](), ""
+    if not isinstance(task.modules, int):
+        options = f" --modules {task.sizes[0]}"
+        task = read_task(name, (f"modules={task.sizes[0]}",))
+    elif task.modules > EXHAUSTIVE_UP_TO:
+        strategy, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
+    with tempfile.TemporaryDirectory() as folder:
+        answer = topo_search.search(task, out=Path(folder) / "run", **strategy)
+        return answer, read_json(Design, Path(folder) / "run" / "best.json"), options
 
 
 def turning(design: Design) -> bytes:

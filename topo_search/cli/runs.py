@@ -137,14 +137,22 @@ def _figures(design: Compared) -> dict[str, object]:
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
 @options.flag("--details", "Print every figure.")
 @options.workers
-def audit(designs: tuple[str, ...], table: Path | None, details: bool, workers: int | None) -> None:
+@click.option("--against", metavar="TASK", help="Judge the designs by this task in place of their own.")
+def audit(
+    designs: tuple[str, ...], table: Path | None, details: bool, workers: int | None, against: str | None
+) -> None:
     """Audit designs exactly, from the design files alone.
 
-    Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
+    Given a folder, every .json file below it is audited; audits in a run's folder are skipped. With `--against` a
+    design of any program may leave out `task` and `objective`; its effort is beside the best known and the bound.
 
     Exit status: 0 all clear; 1 a design is violated, undecided or inconsistent, or its audit failed;
-    2 a file cannot be read or is not a design (the others are still audited).
+    2 a file cannot be read, is not a design, or has other numbers of modules or load cases than the task of
+    `--against` (the others are still audited).
     """
+    if against is not None:
+        _audit_against(designs, against, details=details)
+        return
     from topo_search.cli.tables import audit_lines, tally_lines
     from topo_search.compose import audits, available_cores
     from topo_search.engine import Failed
@@ -179,6 +187,33 @@ def audit(designs: tuple[str, ...], table: Path | None, details: bool, workers: 
         raise SystemExit(ExitStatus.BAD_INPUT)
     if failures or any(verdict != ts.Status.CLEAR for verdict in verdicts):
         raise SystemExit(1)
+
+
+def _audit_against(designs: Sequence[str], against: str, *, details: bool) -> None:
+    """Audit designs by a task in place of their own."""
+    from topo_search.cli.tables import audit_lines
+    from topo_search.compose.referee import judge
+    from topo_search.model.files import load_json
+    from topo_search.model.task_file import read_task
+    from topo_search.model.value import to_printable
+
+    task, status, values = read_task(against), 0, list[dict[str, object]]()
+    for path in designs:
+        name = to_printable(path)
+        try:
+            judged = judge(load_json(path, most_bytes=LIMITS.design_bytes), name, against, task)
+        except ts.BadInput as error:
+            note("\n".join(f"{name}: {fault}" for fault in error.faults))
+            status = ExitStatus.BAD_INPUT
+            continue
+        values.append({"file": name, **judged.audit.model_dump(mode="json"), **judged.figures()})
+        if not options.is_json():
+            options.echo_lines([*audit_lines(name, judged.audit, details=details), *judged.lines()])
+        if judged.audit.verdict != ts.Status.CLEAR:
+            status = max(status, 1)
+    if options.is_json():
+        options.echo_answer(values[0] if len(designs) == len(values) == 1 else values, ())
+    raise SystemExit(status)
 
 
 AUDIT_FORMAT = "topo-search/audit"
