@@ -119,7 +119,7 @@ def test_the_closest_start_speaks_for_what_is_infeasible(monkeypatch):
     for cut in range(1, 32):
         assert merge(solve(range(cut)), solve(range(cut, 32)), TASK) == whole
     assert [shortfall.starts for shortfall in whole.shortfalls] == [7, 7, 6, 6, 6]
-    assert f"7 `{whole.shortfalls[0].constraint}`" in whole.message
+    assert f"7 {whole.shortfalls[0].constraint}" in whole.message
     assert whole.message.endswith(", 12 another constraint")
 
 

@@ -156,7 +156,8 @@ def test_what_is_not_solid_or_not_asked_for_is_not_there(wall_press: Design) -> 
     solid = beside(wall_press, {"kind": "exterior", "half_angle_deg": 90.0, "axis": [-1.0, 0.0, 0.0]})
     assert "exposure_" not in mjcf(solid, Physics(contacts=True))
     plant = Plant(solid, ModelErrors(), Wall(np.array([1.0, 0.0, 0.0]), 0.03))  # its wall is the only one
-    static = {plant.model.geom(g).name for g in range(plant.model.ngeom) if not plant.model.geom_bodyid[g]}
+    touching = np.flatnonzero((plant.model.geom_bodyid == 0) & (plant.model.geom_contype > 0))
+    static = {plant.model.geom(g).name for g in touching}
     assert static == {"wall"}
 
 

@@ -175,7 +175,7 @@ def test_a_limit_of_joints_may_be_all_that_keeps_a_tree_from_a_design() -> None:
     )
     assert isinstance(tight, Infeasible)
     assert "moment in the joint of module" in tight.worst_constraint
-    assert f"`{tight.worst_constraint}`" in tight.message
+    assert tight.worst_constraint in tight.message
     judged = audit(solved(loose))
     assert judged.verdict == "clear"
     (row,) = (row for row in judged.residuals if row.name == "largest moment in a joint")

@@ -83,6 +83,11 @@ class Region(Value):
         """Distance from the end-effector up to which `speed` applies [m]; None: everywhere in the region."""
         return None
 
+    @property
+    def sides(self) -> str:
+        """Where airflow must stay, in words; empty if it must stay out of the region."""
+        return ""
+
     def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
         """Yield the segments (see `segment_of`) that reach beyond the mesh that they replace, and how far [m]."""
         yield from ()

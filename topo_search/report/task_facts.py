@@ -21,8 +21,8 @@ def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
         (region, (f"requirement {e}" if region.contact is None else "object", requirement(region)))
         for e, region in enumerate(task.exposure)
     ]
-    regions = [fact for exposure, fact in numbered if exposure.geometry and exposure.kind != "allowed"]
-    inside = [fact for exposure, fact in numbered if exposure.geometry and exposure.kind == "allowed"]
+    regions = [fact for exposure, fact in numbered if exposure.geometry and not exposure.sides]
+    inside = [fact for exposure, fact in numbered if exposure.geometry and exposure.sides]
     platforms = [] if inside else [("regions", "none, only the platform's own modules")]
     speeds = [fact for exposure, fact in numbered if not exposure.geometry and exposure.speed is not None]
     solids = [fact for exposure, fact in numbered if exposure.solid and not exposure.geometry]
@@ -155,7 +155,7 @@ def goals(task: Task) -> Facts:
 def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
     words, solid, there = exposure.words, "; solid: rotors, arms and rod stay out too", "there"
-    if exposure.kind == "allowed" and exposure.geometry:
+    if exposure.sides and exposure.geometry:
         words, solid, there = exposure.sides, "; solid: rotors, arms and rod too", "elsewhere"
     words += solid * (exposure.solid and exposure.geometry)
     if exposure.speed is None:
