@@ -68,6 +68,7 @@ def test_inputs_that_are_left_out_are_computed(data: dict[str, Any], tmp_path: P
         ({"topology": [[-1, -1, -1], [0, 0, 2]], "hinge_angles_rad": [0.1]}, 2, "must have 5 modules"),
         ({"rotor_speeds_squared": [[1.0] * 20]}, 2, "must have a row for each of the 3 load cases"),
         ({"rotor_speeds_squared": [[1.0] * 3] * 3}, 2, "rotor_speeds_squared"),
+        ({"rotor_speeds_squared": [[1e300] * 20] * 3}, 2, "must have a finite control effort"),
         ({"end_effector_m": "up"}, 2, "end_effector_m"),
         ({"format": "other"}, 2, "format"),
     ],

@@ -5,8 +5,11 @@ Of the design's file only its geometry and rotor inputs count; effort and value 
 
 from __future__ import annotations
 
+import math
 from importlib import resources
 from typing import Any, NamedTuple
+
+import numpy as np
 
 import verify
 from topo_search.compose.binding import BACKENDS
@@ -91,8 +94,11 @@ def _with_inputs(design: Design, inputs: Any, source: str, name: str) -> Design:
         rule = f"must have a row for each of the {cases} load cases of {name}, but got {len(inputs)} rows"
         raise BadInput(source, f"rotor_speeds_squared: {rule}")
     given = validate(Design, {**design.model_dump(mode="json"), "rotor_speeds_squared": inputs}, source)
-    given = given.model_copy(update={"task": design.task, "inputs_computed": False})
-    return given.model_copy(update={"objective": objective(given)})
+    with np.errstate(over="ignore"):
+        J = objective(given)
+    if not math.isfinite(J):
+        raise BadInput(source, f"rotor_speeds_squared: must have a finite control effort, but got {J}")
+    return given.model_copy(update={"task": design.task, "inputs_computed": False, "objective": J})
 
 
 def best_known(name: str, n: int) -> Design | None:
