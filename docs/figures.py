@@ -41,7 +41,7 @@ OUT = Path(__file__).parent / "pages/figures"
 DESIGNS = Path(__file__).parents[1] / "tests/designs"
 INK, PALE = "#222222", "#777777"
 SITE = {"svg.fonttype": "none", "font.size": 9, "text.color": INK}
-"""What differs from figures of papers: text is text, which the site's readers can search and enlarge."""
+"""Differences from figures of papers: text stays text, so that readers of the site can search and enlarge it."""
 MODULE = Module()
 ROTORS = MODULE.rotor_table
 Y = np.array([0.0, 1.0, 0.0])

@@ -1,4 +1,4 @@
-"""Whether a page in a dark scheme has white boxes."""
+"""White boxes on a page in a dark scheme."""
 
 import io
 

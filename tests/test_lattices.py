@@ -297,7 +297,7 @@ def test_a_flat_lattice_of_parallel_rotors_is_known_to_thrust_one_way() -> None:
 
 
 def test_bounds_hold_for_lattices_whose_joints_are_heavy(flag) -> None:
-    """Loads grow with the closures: a bound for the lightest lattice is none for all unless it knows."""
+    """Loads grow with the closures, so a bound for the lightest lattice need not hold for the others."""
     task = flag.task.lightest
     most = max(len(candidate.topology.closures) for candidate in lattices(5, "c1"))
     assert task.heaviest_closures == pytest.approx(most * JOINT)

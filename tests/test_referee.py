@@ -31,7 +31,7 @@ def data() -> dict[str, Any]:
 
 
 def judged(data: Any, folder: Path, *words: str, status: int) -> str:
-    """What the command prints of a design for push."""
+    """Return the command's output for a design of push."""
     (file := folder / "mine.json").write_text(json.dumps(data), encoding="utf-8")
     result = invoke("audit", "--against", "push", file, *words, status=status)
     return result.output

@@ -81,7 +81,7 @@ def test_labels_of_ticks_do_not_overlap(answer: Answer) -> None:
     for figure in figures:
         figure.draw_without_rendering()
         for ax in figure.axes:
-            axes: Any = ax._axis_map.values()  # type: ignore[attr-defined]
+            axes = [getattr(ax, f"{name}axis") for name in ("xyz" if ax.name == "3d" else "xy")]
             drawn_ticks = [axis.get_major_ticks() if ax.name == "3d" else axis._update_ticks() for axis in axes]
             ticks = itertools.chain(*drawn_ticks)
             boxes = [tick.label1.get_window_extent() for tick in ticks if tick.label1.get_text()]
@@ -123,9 +123,10 @@ def test_a_platform_fills_its_figure(parts: Any) -> None:
     assert abs(top + bottom - 1) < 0.03
 
 
-def test_the_rod_is_drawn_from_its_connector_to_the_tip() -> None:
-    drawing, poses, seen = Drawing(axes_3d(), DESIGN, platform(DESIGN)), platform(DESIGN), []
-    drawing._solid = lambda faces, tints: seen.append((faces, tints))  # type: ignore[method-assign]
+def test_the_rod_is_drawn_from_its_connector_to_the_tip(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[Any, Any]] = []
+    monkeypatch.setattr(Drawing, "_solid", lambda _, faces, tints: seen.append((faces, tints)))
+    drawing, poses = Drawing(axes_3d(), DESIGN, platform(DESIGN)), platform(DESIGN)
     drawing.platform()
     ((faces, tints),) = seen
     rod = faces[(tints == to_rgb(palette.END_EFFECTOR)).all(axis=1)].reshape(-1, 3)
@@ -135,7 +136,6 @@ def test_the_rod_is_drawn_from_its_connector_to_the_tip() -> None:
         assert np.linalg.norm(rod - point, axis=1).min() == pytest.approx(at_most)
     bare = DESIGN.model_copy(update={"mount": None})
     other = Drawing(axes_3d(), bare, poses)
-    other._solid = lambda faces, tints: seen.append((faces, tints))  # type: ignore[method-assign]
     other.platform()
     assert not (seen[1][1] == to_rgb(palette.END_EFFECTOR)).all(axis=1).any()
 

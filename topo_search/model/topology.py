@@ -82,7 +82,7 @@ class Topology:
 
     @cached_property
     def cells(self) -> tuple[tuple[int, int], ...]:
-        """Cells of the modules on a square grid, all hinges being 0; ValueError if there are none."""
+        """Cells of the modules on a square grid if all hinges are 0; ValueError if the tree is no flat lattice."""
         cells = [(0, 0)]
         for h, i, a, b in self.edges():
             cells.append((cells[h][0] + STEPS[a][0], cells[h][1] + STEPS[a][1]))

@@ -1,4 +1,4 @@
-"""What a notebook shows in a cell: the 3-D view of a design, a page of its own in a frame; pictures."""
+"""Notebook cells: the 3-D view of a design, a page of its own in a frame, and pictures."""
 
 from base64 import b64encode
 from collections.abc import Sequence

@@ -62,7 +62,7 @@ class SuspiciousTask(UserWarning):
 
 
 _SHOWN = defaultdict[str, dict[Any, Any]](dict)
-"""What `warnings` keeps of each task, by its name, so that a task just read is not warned about again."""
+"""Registry of `warnings` for each task, by its name: a task just read is not warned about again."""
 
 
 def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:

@@ -157,23 +157,18 @@ def _air(design: Design) -> dict[str, Any]:
     rotors, u_max = table.positions[None], np.full((1, table.count), module.max_input(design.task.gravity))
     full = jets(module, design.task.air_density, np.zeros((1, 3)), I, rotors, u_max)
     starts, axes = table.jet_axes
-    by_rotor = zip(l_arm * table.positions, table.axes, l_arm * starts, axes, strict=True)
-    sizes = zip(module.rotor_radii, full.induced[0], np.broadcast_to(full.shares, table.count), strict=True)
-    diameters = np.broadcast_to(l_arm * full.diameters, table.count)
+    columns = {
+        "at": (l_arm * table.positions).round(6),
+        "axis": table.axes,
+        "radius": module.rotor_radii,
+        "full": full.induced[0],
+        "share": full.shares,
+        "start": (l_arm * starts).round(6),
+        "against": axes,
+        "diameter": np.broadcast_to(l_arm * full.diameters, table.count),
+    }
     return {
-        "rotors": [
-            {
-                "at": at.round(6).tolist(),
-                "axis": axis.tolist(),
-                "radius": float(radius),
-                "full": float(speed),
-                "share": float(share),
-                "merged": {"at": start.round(6).tolist(), "axis": along.tolist(), "diameter": float(diameter)},
-            }
-            for (at, axis, start, along), (radius, speed, share), diameter in zip(
-                by_rotor, sizes, diameters, strict=True
-            )
-        ],
+        "rotors": [{name: column[q].tolist() for name, column in columns.items()} for q in range(table.count)],
         "merged": MODEL.merged_at,
         "merges": MODEL.merges_over,
         "shear": MODEL.shear,

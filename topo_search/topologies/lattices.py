@@ -42,7 +42,7 @@ class Lattices(Family):
         return len(self._listed)
 
     def candidate_of(self, topology: Topology) -> Candidate:
-        """Return the candidate of a lattice, whatever its spanning tree; ValueError if it is none."""
+        """Return the candidate of a lattice, whatever its spanning tree; ValueError if neighbours lack joints."""
         if topology.neighbours != topology.closures:
             raise ValueError(f"a flat lattice has all neighbours bolted together, but {topology.key} has not")
         images = _images(frozenset(topology.cells), self.group)

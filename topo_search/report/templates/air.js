@@ -50,10 +50,10 @@ class Air {
     const square = rotors.reduce((sum, rotor, q) => {
       const { radius } = rotor;
       const [z, r] = places[q];
-      const [depth, aside] = along(x, rotor.merged.at, rotor.merged.axis);
-      const s = depth / rotor.merged.diameter;
+      const [depth, aside] = along(x, rotor.start, rotor.against);
+      const s = depth / rotor.diameter;
       const from = Math.max(s, merged) + jet.origin;
-      const across = aside / (rotor.merged.diameter * jet.half_width * from);
+      const across = aside / (rotor.diameter * jet.half_width * from);
       const share = clip((s - merged) / merges + 1);
       const far = share * rotor.share * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
       const g = 1 + z / Math.hypot(radius, z);
