@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -150,33 +152,38 @@ def audit(
     2 a file cannot be read, is not a design, or has other numbers of modules or load cases than the task of
     `--against` (the others are still audited).
     """
-    if against is not None:
-        _audit_against(designs, against, details=details)
-        return
     from topo_search.cli.tables import audit_lines, tally_lines
     from topo_search.compose import audits, available_cores
+    from topo_search.compose.referee import Judged, judge
     from topo_search.engine import Failed
     from topo_search.export.audits import clearances_of, csv
-    from topo_search.model.files import write_atomically
+    from topo_search.model.files import to_geometry, write_atomically
+    from topo_search.model.task_file import read_task
 
     options.require_writable(table, "--csv")
-    loaded, refused, skipped = _read_designs(designs)
-    judged = list[tuple[str, ts.Audit]]()
-    failures = 0
-    files = len(loaded) + refused + skipped
+    if against is None:
+        loaded, refused, skipped = _read_designs(designs, to_geometry)
+    else:
+        loaded, refused, skipped = _read_designs(designs, partial(judge, name=against, task=read_task(against)))
+    judged, values = list[tuple[str, ts.Audit]](), list[dict[str, object]]()
+    failures, files = 0, len(loaded) + refused + skipped
     processes = min(workers or available_cores(), files) if files > 1 else 0
-    results = audits((design for _, design in loaded), workers=processes)
-    for (name, _), result in zip(loaded, results, strict=True):
+    subjects = (design for _, design in loaded)
+    results = audits(subjects, workers=processes) if against is None else (each.audit for each in subjects)
+    for (name, design), result in zip(loaded, results, strict=True):
         if isinstance(result, Failed):
             failures += 1
             note(f"{name}: the audit failed: {result.reason}")
             continue
         judged.append((name, result))
-        if not options.is_json():
-            options.echo_lines(audit_lines(name, result, details=details))
+        beside = design if isinstance(design, Judged) else None
+        if options.is_json():
+            values.append({"file": name, **result.model_dump(mode="json"), **(beside.figures() if beside else {})})
+        else:
+            lines = audit_lines(name, result, details=details)
+            options.echo_lines(chain(lines, beside.lines() if beside else ()))
     verdicts = [audit.verdict for _, audit in judged]
     if options.is_json():
-        values = [{"file": name, **audit.model_dump(mode="json")} for name, audit in judged]
         single = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
         options.echo_answer(values[0] if single else values, ())
     elif files > 1:
@@ -189,47 +196,22 @@ def audit(
         raise SystemExit(1)
 
 
-def _audit_against(designs: Sequence[str], against: str, *, details: bool) -> None:
-    """Audit designs by a task in place of their own."""
-    from topo_search.cli.tables import audit_lines
-    from topo_search.compose.referee import judge
-    from topo_search.model.files import load_json
-    from topo_search.model.task_file import read_task
-    from topo_search.model.value import to_printable
-
-    task, status, values = read_task(against), 0, list[dict[str, object]]()
-    for path in designs:
-        name = to_printable(path)
-        try:
-            judged = judge(load_json(path, most_bytes=LIMITS.design_bytes), name, against, task)
-        except ts.BadInput as error:
-            note("\n".join(f"{name}: {fault}" for fault in error.faults))
-            status = ExitStatus.BAD_INPUT
-            continue
-        values.append({"file": name, **judged.audit.model_dump(mode="json"), **judged.figures()})
-        if not options.is_json():
-            options.echo_lines([*audit_lines(name, judged.audit, details=details), *judged.lines()])
-        if judged.audit.verdict != ts.Status.CLEAR:
-            status = max(status, 1)
-    if options.is_json():
-        options.echo_answer(values[0] if len(designs) == len(values) == 1 else values, ())
-    raise SystemExit(status)
-
-
 AUDIT_FORMAT = "topo-search/audit"
 """Value of `format` in the file of an audit."""
 
 
-def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], int, int]:
+def _read_designs(
+    sources: Sequence[str], read: Callable[[Any, str], Any]
+) -> tuple[list[tuple[str, Any]], int, int]:
     """Return designs with their file names, and the numbers of files refused and of audits skipped.
 
     A folder stands for all `*.json` below it, sorted; audits that a run keeps beside its designs are skipped.
     A symbolic link to a folder is followed only if it is one of the arguments.
     """
-    from topo_search.model.files import format_of, load_json, to_geometry
+    from topo_search.model.files import format_of, load_json
     from topo_search.model.value import to_printable
 
-    loaded: list[tuple[str, ts.Geometry]] = []
+    loaded = list[tuple[str, Any]]()
     refused = skipped = 0
     for source in sources:
         in_folder = Path(source).is_dir()
@@ -242,7 +224,7 @@ def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]]
                 if in_folder and format_of(data) == AUDIT_FORMAT:
                     skipped += 1
                 else:
-                    loaded.append((name, to_geometry(data, name)))
+                    loaded.append((name, read(data, name)))
             except ts.BadInput as error:
                 refused += 1
                 note("\n".join(f"{name}: {each}" for each in error.faults))

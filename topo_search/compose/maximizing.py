@@ -155,11 +155,18 @@ class MostCapable:
 
     def _measure(self, design: Design) -> tuple[Design, tuple[Vector, ...]]:
         """Return a design for the task of the value that it holds, and the directions in which it is weakest."""
-        if design.task.search.maximize not in RESERVES:
-            return design, ()
-        value, weakest = measure(design.task, verify.case_reserves(design))
-        task = task_at(self.margins.task.with_rod(design.task.end_effector.counted_rod), value)
-        return design.model_copy(update={"task": task}), weakest
+        return measured(design, self.margins.task.with_rod(design.task.end_effector.counted_rod))
+
+
+def measured(design: Design, task: ResolvedTask) -> tuple[Design, tuple[Vector, ...]]:
+    """Return a design for T(s) of a task, s being the reserve that it holds, and where it is weakest.
+
+    A design without a maximised reserve is returned as it is.
+    """
+    if design.task.search.maximize not in RESERVES:
+        return design, ()
+    value, weakest = measure(design.task, verify.case_reserves(design))
+    return design.model_copy(update={"task": task_at(task, value)}), weakest
 
 
 def _value(design: Design) -> float:

@@ -13,10 +13,11 @@ import numpy as np
 
 import verify
 from topo_search.compose.binding import BACKENDS
+from topo_search.compose.maximizing import measured
 from topo_search.model import Audit, BadInput, Design, Geometry, Task
 from topo_search.model.files import read_json, validate
 from topo_search.model.largest_value import objective_of
-from topo_search.model.maximized import RESERVES, measure, task_at
+from topo_search.model.maximized import RESERVES
 from verify.kinematics import objective
 
 
@@ -81,9 +82,7 @@ def judge(data: Any, source: str, name: str, task: Task) -> Judged:
     design = verify.complete(geometry)
     if (inputs := data.get("rotor_speeds_squared")) is not None:
         design = _with_inputs(design, inputs, source, name)
-    if resolved.search.maximize is not None:
-        value, _ = measure(design.task, verify.case_reserves(design))
-        design = design.model_copy(update={"task": task_at(design.task, value)})
+    design, _ = measured(design, design.task)
     bound = BACKENDS.lower_bound(resolved)
     return Judged(design, BACKENDS.audit(design), best_known(name, n), bound)
 
