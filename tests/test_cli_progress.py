@@ -162,7 +162,7 @@ def test_time_left_is_learnt_from_the_steps():
     for number in range(1, 6):
         left.step(10.0 * number, known=False)
     audits = duration(audit_phase(3, 10), 1)  # slow solves say nothing of them
-    assert before < left(50.0) == pytest.approx((50.0 - 9.0 + 2.0) / (5.5 + 2.0) * 4.5 + audits)
+    assert before < left(50.0) == pytest.approx(5 * (40.0 + 2.0) / (4.0 + 2.0) + audits)
     assert left(130.0) >= 80.0, "no step has ended for so long"
     left.plan(Plan((), workers=1, time_limit=5.0), 50.0)
     assert left(50.0) <= 5.0

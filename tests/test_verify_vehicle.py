@@ -161,11 +161,11 @@ KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_
         (f"{KIT_HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
         (
             f"{HEAD}0.275,0,0,0,0,1,1,1,0,".replace(",", ";") + "612,500\n",
-            "rotors: must have decimal commas or points and nothing between thousands, but has 612,500 and 0.275",
+            'rotors[0].u_max: must be a number, but got "612,500"',
         ),
         (
             f"{HEAD}0,0,0,0,0,1,1,1,0,".replace(",", "\t") + "612,500.0\n",
-            "rotors: must have decimal commas or points and nothing between thousands, but has 612,500.0 and ",
+            'rotors[0].u_max: must be a number, but got "612,500.0"',
         ),
         (f"{HEAD}0,0,0,0,0,1,1,1,0,".replace(",", ";") + "1,612,500\n", "rotors[0].u_max: "),
         (f'{HEAD}0,0,0,0,0,1,1,1,0,"612,500"\n', "rotors[0].u_max: "),

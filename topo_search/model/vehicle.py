@@ -13,7 +13,6 @@ A rotor exerts the force k_f u a and the torque k_f u r x a - s k_tau u a.
 
 import csv
 import math
-import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -103,8 +102,6 @@ def read_vehicle(path: str | Path) -> Vehicle:
 OF_A_KIT = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
 OF_A_KIT |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
 """Columns of a kit's table of rotors, and their names here."""
-NUMBER = re.compile(r"[-+\d.,eE]+")
-"""Cell that holds a number, with decimal point or comma."""
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
@@ -113,29 +110,27 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     Columns may be separated by semicolons or tabs, with decimal commas or points. Columns without a name, such as
     an index that pandas writes, and rows without a value are left out.
     """
-    text = load_text(path, most_bytes=LIMITS.task_bytes)
-    mark = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
-    head, *table = list(csv.reader(text.splitlines(), delimiter=mark, skipinitialspace=True)) or [[]]
-    names = [OF_A_KIT.get(name.strip(), name.strip()) for name in head]
+    head, _, body = load_text(path, most_bytes=LIMITS.task_bytes).partition("\n")
+    mark = next((mark for mark in ";\t" if mark in head), ",")
+    if mark != "," and "." not in body:
+        body = body.replace(",", ".")
+    table = csv.DictReader(
+        [head, *body.splitlines()], delimiter=mark, skipinitialspace=True, restkey="", restval=""
+    )
+    heads = [name.strip() for name in table.fieldnames or ()]
+    table.fieldnames = names = [OF_A_KIT.get(name, name) for name in heads]
     if not {"x_m", "y_m", "z_m"} <= set(names):
-        rule = f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(head))}"
+        rule = f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(heads))}"
         raise BadInput(str(path), [Fault("rotors", rule)])
-    if twice := [text.strip() for text, name in zip(head, names, strict=True) if name and names.count(name) > 1]:
+    if twice := [text for text, name in zip(heads, names, strict=True) if name and names.count(name) > 1]:
         rule = f"must have one column per quantity, but has {show(', '.join(twice))}"
-        raise BadInput(str(path), [Fault("rotors", rule)])
-    numbers = [cell.strip() for line in table for cell in line if NUMBER.fullmatch(cell.strip())]
-    comma, point = (next((cell for cell in numbers if sign in cell), None) for sign in ",.")
-    if mark != "," and comma and point:
-        rule = f"must have decimal commas or points and nothing between thousands, but has {comma} and {point}"
         raise BadInput(str(path), [Fault("rotors", rule)])
     rows = list[dict[str, Any]]()
     for line in table:
-        if any(line[len(names) :]):
-            rule = f"must have at most {len(names)} cells, one per column, but has {len(line)}"
+        if isinstance(beyond := line.pop("", ""), list) and any(beyond):
+            rule = f"must have at most {len(names)} cells, one per column, but has {len(names) + len(beyond)}"
             raise BadInput(str(path), [Fault(f"rotors[{len(rows)}]", rule)])
-        cells = ((name, cell.strip()) for name, cell in zip(names, line, strict=False))
-        named = ((name, cell) for name, cell in cells if name and cell and not name.startswith("Unnamed: "))
-        row = {name: _number(cell, mark) for name, cell in named}
+        row = {name: _number(x.strip()) for name, x in line.items() if x and not name.startswith("Unnamed: ")}
         if "thrust" in row:
             thrust, k_f = row["thrust"], row.get("k_f")
             both = isinstance(thrust, int | float) and isinstance(k_f, int | float) and k_f > 0
@@ -145,10 +140,10 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _number(cell: str, mark: str) -> Any:
-    """Return a table's cell as a number, given the mark between its columns; the cell itself if it is no number."""
+def _number(cell: str) -> Any:
+    """Return a table's cell as a number; the cell itself if it is no number."""
     try:
-        number = float(cell if mark == "," else cell.replace(",", "."))
+        number = float(cell)
     except ValueError:
         return cell
     return int(number) if number in (-1, 1) else number

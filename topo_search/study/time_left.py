@@ -1,20 +1,10 @@
 """The remaining time of a run: rough estimates, corrected by measured steps.
 
-| symbol | meaning | unit |
-|---|---|---|
-| E | time since the phase began | s |
-| d | finished steps of the phase; a running one counts half | |
-| s | expected time of a step on all workers together | s |
-| c | correction: measured over expected time, each with that of T expected steps | |
-| T | number of steps for which the expectation is trusted | |
-
-The estimate for a step of the current phase is (E + c T s) / (d + T) seconds: the measured time and T steps as
-expected. T counts steps, not seconds, so a few steps correct an expectation that is wrong by a factor of hundreds.
-While steps run, the phase needs at least as long again as the time since its last step.
-
-Future phases are expected to take c times their planned time. Solves and audits have separate corrections, since a
-slow solve says nothing about audits. Time counts only after each worker's first step, which loads and compiles the
-solver. A time limit ends solving; audits follow it.
+Steps that are left take their expected time, times a correction: the measured time of all steps so far over their
+expected time, each with that of a few expected steps, so that a few measured ones correct an expectation that is
+wrong by a factor of hundreds. Solves and audits have separate corrections, since a slow solve says nothing about
+audits. While steps run, the phase needs at least as long again as the time since its last step. A time limit ends
+solving; audits follow it.
 
 `tests/benchmarks/time_left.py` measures the error over recorded runs.
 """
@@ -62,14 +52,12 @@ class TimeLeft:
 
     def __init__(self) -> None:
         self._planned: list[progress.Phase] = []
-        self._workers = 1
-        self._deadline = math.inf
-        self._phase = progress.Phase("writing", 0, 0, is_serial=True)
-        self._phase_start = self._last_step = 0.0
-        self._solved = self._known = 0
-        self._measured: dict[bool, tuple[float, float]] = {}
-        """Measured and expected time of all phases that solve, and of all others [s]."""
+        self._workers, self._deadline = 1, math.inf
         self._starting_workers = 0
+        self._phase = progress.WRITING
+        self._steps_left, self._last_step = 0, 0.0
+        self._spent = dict.fromkeys((True, False), (0.0, 0.0))
+        """Measured and expected time of all finished steps that solve, and of all others [s]."""
 
     def plan(self, plan: progress.Plan, now: float) -> None:
         """Begin a run.
@@ -84,67 +72,34 @@ class TimeLeft:
 
     def begin(self, phase: progress.Phase, now: float) -> None:
         """Begin a phase, planned or not."""
-        self._measured = self._measure(now)
         indices = [index for index, planned in enumerate(self._planned) if planned.plan_key == phase.plan_key]
         if indices:
             del self._planned[: indices[0] + 1]
-        self._phase, self._solved, self._known = phase, 0, 0
-        self._phase_start = self._last_step = now
+        self._phase, self._steps_left, self._last_step = phase, phase.steps, now
 
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one with a known result took no time."""
-        if self._is_starting and not known:
-            self._phase_start = max(self._phase_start, now - self._phase.seconds)
-            self._starting_workers -= 1
-        self._last_step = now
-        self._solved += not known
-        self._known += known
+        if self._starting_workers and not known and not self._phase.is_serial:
+            self._starting_workers -= 1  # it loads and compiles the solver
+        elif not known:
+            measured, expected = self._spent[bool(self._phase.starts)]
+            step = progress.duration(self._phase, self._workers) / self._phase.steps
+            self._spent[bool(self._phase.starts)] = measured + now - self._last_step, expected + step
+        self._steps_left, self._last_step = self._steps_left - 1, now
 
     def __call__(self, now: float) -> float:
         """Return the remaining time [s]."""
-        measured = self._measure(now)
-        times = [(phase, self._correct_duration(phase, measured)) for phase in self._planned]
-        times.append((self._phase, self._current_phase(now)))
-        solving, remainder = (
-            sum(t for phase, t in times if bool(phase.starts) is solves) for solves in (True, False)
-        )
-        return min(solving, max(0.0, self._deadline - now)) + remainder
+        left = {True: 0.0, False: 0.0}
+        for phase in self._planned:
+            left[bool(phase.starts)] += self._corrected(phase, phase.steps)
+        since = now - self._last_step
+        current = self._corrected(self._phase, self._steps_left) - since
+        left[bool(self._phase.starts)] += max(current, since) if self._steps_left > 0 else 0.0
+        return min(left[True], max(0.0, self._deadline - now)) + left[False]
 
-    def _current_phase(self, now: float) -> float:
-        """Return the remaining time of the current phase [s]."""
-        phase = self._phase
-        if not phase.steps:
-            return 0.0
-        steps = phase.steps - self._known
-        step = self._correct_duration(phase, self._measured) / phase.steps
-        if self._is_starting:
-            return max(0.0, self._phase_start + progress.EXPECTED.startup_s - now) + step * steps
-        d = self._solved + self._running_steps(steps)
-        T = progress.EXPECTED.trusted_steps if step else 0.0  # without an expectation only the measurement counts
-        remaining = (now - self._phase_start + T * step) / (d + T) * max(0.0, steps - d)
-        return max(remaining, now - self._last_step) if self._solved < steps else remaining
-
-    def _running_steps(self, steps: int) -> float:
-        return 0.5 * max(0, min(1 if self._phase.is_serial else self._workers, steps - self._solved))
-
-    @property
-    def _is_starting(self) -> bool:
-        return not self._phase.is_serial and self._starting_workers > 0
-
-    def _correct_duration(self, phase: progress.Phase, measured: dict[bool, tuple[float, float]]) -> float:
-        """Return the expected duration of a phase, times c [s]."""
-        planned = progress.duration(phase, self._workers)
-        trusted = progress.EXPECTED.trusted_steps * planned / max(1, phase.steps)
-        seconds, expected = measured.get(bool(phase.starts), (0.0, 0.0))
-        return planned * (seconds + trusted) / (expected + trusted) if planned else 0.0
-
-    def _measure(self, now: float) -> dict[bool, tuple[float, float]]:
-        """Return measured and expected times including those of the current phase so far."""
-        phase = self._phase
-        if phase.is_serial or not phase.steps or self._is_starting:
-            return self._measured
-        step = progress.duration(phase, self._workers) / phase.steps
-        steps = self._solved + self._running_steps(phase.steps - self._known)
-        seconds, expected = self._measured.get(bool(phase.starts), (0.0, 0.0))
-        total = seconds + now - self._phase_start, expected + steps * step
-        return {**self._measured, bool(phase.starts): total}
+    def _corrected(self, phase: progress.Phase, steps: int) -> float:
+        """Return the expected time of some steps of a phase, times its correction [s]."""
+        step = progress.duration(phase, self._workers) / max(1, phase.steps)
+        measured, expected = self._spent[bool(phase.starts)]
+        trusted = progress.EXPECTED.trusted_steps * step
+        return steps * step * (measured + trusted) / (expected + trusted) if step else 0.0
