@@ -1,11 +1,9 @@
-import errno
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from multiprocessing import current_process
 from pathlib import Path
 
 import numpy as np
@@ -53,22 +51,6 @@ def test_workers_start_in_a_process_of_another_library(monkeypatch):
     monkeypatch.setattr("multiprocessing.spawn.get_start_method", lambda: "loky")
     with Workers(1) as workers:
         assert workers.run_one(square, 3, deadline=LONG) == 9
-
-
-def test_a_process_that_may_have_no_children_is_told_what_to_use(monkeypatch):
-    """As of multiprocessing.Pool."""
-    monkeypatch.setitem(current_process()._config, "daemon", True)
-    with Workers(1) as workers, pytest.raises(WorkersLost, match=r"concurrent\.futures"):
-        workers.run_one(square, 3, deadline=LONG)
-
-
-def test_shared_memory_that_cannot_be_written_to_is_named(monkeypatch):
-    def refuse(_):
-        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
-
-    monkeypatch.setattr("multiprocessing.context.BaseContext.RLock", refuse)
-    with Workers(1) as workers, pytest.raises(OSError, match=r"Read-only file system: '/dev/shm'"):
-        workers.run_one(square, 3, deadline=LONG)
 
 
 @pytest.mark.parametrize("count", [0, 257])

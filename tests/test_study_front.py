@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from older import older_task
 from report_cases import Reader
 from toy_problem import solved_keys, toy_run, toy_task
-from wording import says
 
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import search
@@ -25,7 +24,7 @@ from topo_search.model.goals import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.pareto import FRONT_COLUMNS, idle_goals
+from topo_search.study.pareto import FRONT_COLUMNS
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -360,17 +359,6 @@ def test_a_front_without_designs_has_a_page(tmp_path, monkeypatch):
     page = Reader(toy_front_page(tmp_path / "run"))
     assert "No design was found for toy" in page.text
     assert page.text.count("no start of 4 candidates led to a design") >= 3
-
-
-def test_a_goal_of_which_no_level_binds_is_told_with_where_to_look():
-    reached = replace(point(1.0), force_reserve=1.25)
-    levels = [Level(None, None, peak, force) for peak in (1.0, 0.9) for force in (0.0, 0.1)]
-    binding = [1.0, 1.0 + 1e-6, 2.0, 2.0]
-    (told,) = idle_goals(list(zip(levels, binding, strict=True)), [reached])
-    assert told.startswith("no level of goals.force_reserve binds: each gives the same least control effort")
-    assert says(told, "reaches 1.25 (N)", "flight.force_reserve beyond")
-    assert idle_goals(list(zip(levels, [1.0, 1.1, 2.0, None], strict=True)), [reached]) == []
-    assert idle_goals(list(zip(levels, binding, strict=True)), []) == []
 
 
 def test_reserves_failures_and_moments_are_weighed_as_the_rest():

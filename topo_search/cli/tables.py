@@ -106,7 +106,6 @@ def _front(answer: Answer) -> Iterator[str]:
         rows.append((point.row.key, str(point.row.modules), *value, effort, *reached, peak, str(point.number)))
     number = tuple(dict.fromkeys((answer.objective.column, LEAST_EFFORT.column)))
     yield from _table(("key", "modules", *number, "clearance", "stand-off", "peak input", "level"), rows)
-    yield from answer.idle_goals
 
 
 def _rows(rows: tuple[Row, ...], objective: Objective) -> Iterator[str]:

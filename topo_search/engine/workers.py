@@ -6,7 +6,6 @@ violation, scaled to the task's units.
 
 from __future__ import annotations
 
-import errno
 import math
 import os
 import pickle
@@ -338,12 +337,6 @@ class Workers(Engine):
         if self._pool is None:
             from pebble import ProcessPool  # slow to import, and many commands start no worker
 
-            if current_process().daemon:
-                rule = (
-                    "a daemonic process may start no workers: use concurrent.futures.ProcessPoolExecutor for "
-                    "multiprocessing.Pool, and start Dask workers with DASK_DISTRIBUTED__WORKER__DAEMON=False"
-                )
-                raise WorkersLost(rule)
             start: dict[str, Any] = {"initializer": prepare_child, "initargs": (os.getpid(),)}
             self._pool = ProcessPool(self.count, context=_Context(), **start)
             try:
@@ -351,9 +344,6 @@ class Workers(Engine):
                     self._pool.active  # noqa: B018 (starts it)
             except BrokenProcessPool as error:
                 raise (error.__cause__ or error) from None
-            except OSError as error:  # of a pipe, or of a semaphore, which is a file there
-                where = None if error.errno == errno.EMFILE else "/dev/shm"
-                raise OSError(error.errno, error.strerror, where) from None
         return self._pool
 
     def stop(self) -> None:

@@ -49,7 +49,7 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
     note = f"Everything on this page except the front refers to level {answer.level} of the goals: {words}."
     return {
         **page,
-        "notes": (note, *map(sentence, answer.idle_goals), *page["notes"]),
+        "notes": (note, *page["notes"]),
         "front": front_part(answer, goals.names),
         "reproduction": _reproduction(folder),
     }

@@ -12,7 +12,7 @@ from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import gap_percent
 from topo_search.study import tables
 from topo_search.study.ledger import Row, best_of
-from topo_search.study.pareto import FrontPoint, idle_goals
+from topo_search.study.pareto import FrontPoint
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:
@@ -151,15 +151,6 @@ class Answer:
     def found(self) -> bool:
         """True if there is a design with a clear audit."""
         return self.best is not None
-
-    @property
-    def idle_goals(self) -> list[str]:
-        """A sentence for each goal whose levels do not change the result."""
-        best = [[self.objective.number(size.best) for size in level.sizes if size.best] for level in self.levels]
-        better = min if self.objective.better == "less" else max
-        numbers = [better((number for number in row if number is not None), default=None) for row in best]
-        levels = [level.level for level in self.levels]
-        return idle_goals(list(zip(levels, numbers, strict=True)), self.points, self.objective)
 
     @property
     def best(self) -> Row | None:

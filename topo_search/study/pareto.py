@@ -19,7 +19,6 @@ All values are those of the audited design, not the limits of its level, which i
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, get_args
@@ -27,9 +26,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.goals import GOALS, Goal, Level
 from topo_search.model.load_case import Failing
-from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.reserves import POINT_SUFFIXES, weight_cases
-from topo_search.study.columns import proven_cell
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
@@ -135,37 +132,6 @@ def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoin
         for index, (costs, point) in enumerate(candidates)
         if not any(_dominates(later, costs) for later, _ in candidates[index + 1 :])
     )
-
-
-def idle_goals(
-    levels: Sequence[tuple[Level, float | None]], points: Sequence[FrontPoint], objective: Objective = LEAST_EFFORT
-) -> list[str]:
-    """Return a sentence for each goal whose levels all give the same best number.
-
-    Args:
-        levels: every level with the J, or value, of its best design; None without one.
-        points: the front, best first.
-        objective: the objective of the run.
-    """
-    sentences = []
-    for index, (name, goal) in enumerate(GOALS.items()):
-        groups = defaultdict[tuple[Any, ...], list[float | None]](list)
-        for level, number in levels:
-            groups[(*level[:index], *level[index + 1 :])].append(number)
-        has_levels = any(level[index] is not None for level, _ in levels)
-        same = 1.0e-4 if objective.better == "less" else 1.0e-3  # each level draws its own starts
-        if points and has_levels and all(_are_equal(numbers, same) for numbers in groups.values()):
-            reached = proven_cell(name, points[0].cells[name], 4)
-            sentences.append(
-                f"no level of goals.{name} binds: each gives the same {objective.least}, whose design reaches "
-                f"{reached} ({goal.unit}); try levels of {goal.field} beyond that"
-            )
-    return sentences
-
-
-def _are_equal(numbers: list[float | None], same: float) -> bool:
-    known = [number for number in numbers if number is not None]
-    return len(known) == len(numbers) and (not known or max(known) <= min(known) * (1 + same))
 
 
 def write_front(folder: RunFolder) -> None:

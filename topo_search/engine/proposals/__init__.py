@@ -19,7 +19,6 @@ warm starts of each proposal.
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
 from numbers import Integral
@@ -254,8 +253,7 @@ class UserOptunaTrees(OptunaTrees):
         """Let the sampler prepare, unless the trial was enqueued."""
         if _is_enqueued(trial):
             return
-        with _faults_named(self._sampler, "before_trial"):
-            self._sampler.before_trial(study, trial)
+        self._sampler.before_trial(study, trial)
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
@@ -265,9 +263,8 @@ class UserOptunaTrees(OptunaTrees):
 
     def _numbers(self, study: Study, trial: FrozenTrial) -> dict[str, int]:
         """Return the sampler's proposal for a trial, as `before_trial` left it."""
-        with _faults_named(self._sampler, "sample_relative"):
-            space = self._sampler.infer_relative_search_space(study, trial)
-            relative = dict(self._sampler.sample_relative(study, trial, space))
+        space = self._sampler.infer_relative_search_space(study, trial)
+        relative = self._sampler.sample_relative(study, trial, space)
         numbers = dict[str, int]()
         for name, distribution in self.distributions.items():
             partial_trial = copy(trial)
@@ -276,8 +273,7 @@ class UserOptunaTrees(OptunaTrees):
             if name in relative:
                 value = relative[name]
             else:
-                with _faults_named(self._sampler, "sample_independent"):
-                    value = self._sampler.sample_independent(study, partial_trial, name, distribution)
+                value = self._sampler.sample_independent(study, partial_trial, name, distribution)
             if not isinstance(value, Integral) or value not in range(self.values[name]):
                 rule = f"{name} must be one of 0, ..., {self.values[name] - 1}, but got {value!r}"
                 raise BadInput("sampler", [Fault(type(self._sampler).__name__, rule)])
@@ -290,8 +286,7 @@ class UserOptunaTrees(OptunaTrees):
         """Report a result to the sampler, unless the trial was enqueued."""
         if _is_enqueued(trial):
             return
-        with _faults_named(self._sampler, "after_trial"):
-            self._sampler.after_trial(cast("Study", _UnstoppableStudy(study)), trial, state, values)
+        self._sampler.after_trial(cast("Study", _UnstoppableStudy(study)), trial, state, values)
 
 
 def _is_enqueued(trial: FrozenTrial) -> bool:
@@ -329,9 +324,7 @@ class UserTrees(TreeSampler):
         """Yield what the sampler proposes."""
         tried = [self._tried[number] for number in sorted(self._tried)]
         while True:
-            with _faults_named(self._sampler, "propose"):
-                proposed = self._sampler.propose(self.space, tried, self.random)
-            yield Idea(self._candidate_key(proposed))
+            yield Idea(self._candidate_key(self._sampler.propose(self.space, tried, self.random)))
 
     def _candidate_key(self, proposed: Topology | str) -> str:
         """Return the key of a proposed tree's candidate."""
@@ -362,8 +355,7 @@ def sampler_of(
 
 def make_user_sampler(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
     """Return the sampler that a user's factory makes for a seed; BadInput if it is no sampler."""
-    with _faults_named(factory, "", "cannot make a sampler for a seed"):
-        made = factory(_seed_of(seed))
+    made = factory(_seed_of(seed))
     if isinstance(made, BaseSampler | TopologySampler) and not isinstance(made, type):
         return made
     got = f"the class {made.__name__} itself" if isinstance(made, type) else type(made).__name__
@@ -373,14 +365,3 @@ def make_user_sampler(factory: SamplerFactory, seed: int) -> BaseSampler | Topol
 
 def _seed_of(seed: int) -> int:
     return seed % 2**32  # the seeds that Optuna's samplers accept
-
-
-@contextmanager
-def _faults_named(sampler: object, method: str, rule: str = "raised an error") -> Iterator[None]:
-    """Turn an error of a user's sampler into BadInput that names the sampler and its method."""
-    try:
-        yield
-    except Exception as error:
-        kind = getattr(sampler, "__qualname__", type(sampler).__name__)
-        text = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
-        raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), text)]) from error
