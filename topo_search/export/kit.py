@@ -9,9 +9,8 @@ from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet, strength_note, struts_note
 from topo_search.export.sheet_pdf import sheet_pdf
-from topo_search.model.design import Design
+from topo_search.model import BadInput, Design
 from topo_search.model.files import to_json, write_atomically
-from topo_search.model.value import BadInput
 
 DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
 SHEET, PRINTED_SHEET, PARTS, BRACKETS = "assembly.html", "assembly.pdf", "parts.csv", "brackets"

@@ -17,10 +17,8 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.poses import arms, cone_slant, rod_of, rotor_rotations, shapes
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
+from topo_search.model import Array, Design, Module
 from topo_search.model.mesh import SIDES, Mesh, cone_sphere, revolve
-from topo_search.model.module import Module
 from verify.kinematics import Platform, platform, rotation
 
 if TYPE_CHECKING:

@@ -11,12 +11,9 @@ from typing import get_args
 
 import numpy as np
 
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
-from topo_search.model.flight import RotorsOut
+from topo_search.model import Array, BadInput, Design, Fault, RotorsOut
 from topo_search.model.load_case import labels
 from topo_search.model.placement import must_pull
-from topo_search.model.value import BadInput, Fault
 from topo_search.simulation import scenarios
 from topo_search.simulation.controller import Allocator, Controller
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge

@@ -13,11 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from topo_search.export import PAPER, TWO_COLUMNS, palette
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
+from topo_search.model import Array, BadInput, Design, Fault
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
-from topo_search.model.value import BadInput, Fault
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 from verify.kinematics import platform
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
+from topo_search.model import Array, Design
 from topo_search.simulation.controller import Allocator, Controller, Reference
 from topo_search.simulation.plant import LAG, STEP, ModelErrors, Nominal, Plant, State, in_wakes, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult

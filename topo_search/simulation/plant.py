@@ -22,8 +22,7 @@ from topo_search.export.allocation import thrust_matrix
 from topo_search.export.hover import Hover
 from topo_search.export.mjcf import Physics, mjcf, numbers
 from topo_search.export.poses import mass_of, rod_of
-from topo_search.model.arrays import Array, read_only
-from topo_search.model.design import Design
+from topo_search.model import Array, Design, read_only
 from topo_search.model.mesh import rotation_to
 from verify.flight.joints import inertia
 from verify.kinematics import platform

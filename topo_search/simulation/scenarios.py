@@ -4,10 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from topo_search.model.arrays import Array
-from topo_search.model.design import Design
-from topo_search.model.load_case import LoadCase
-from topo_search.model.module import Module
+from topo_search.model import Array, Design, LoadCase, Module
 from topo_search.model.reserves import rotor_name
 from topo_search.simulation.plant import Nominal, Wall
 
