@@ -7,10 +7,8 @@ from typing import Any
 
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
-from topo_search.model import Audit, Design, Infeasible, Status
+from topo_search.model import LEAST_EFFORT, Audit, Design, Infeasible, LargestValue, Objective, Status, objective_of
 from topo_search.model.flying import DROPPED
-from topo_search.model.largest_value import LargestValue, objective_of
-from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.headline import fragile_margins
 from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity

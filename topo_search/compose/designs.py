@@ -14,12 +14,11 @@ from topo_search.compose.binding import backends, enclose_speed, own_constraints
 from topo_search.engine import Failed, Outcome
 from topo_search.engine.workers import audit_deadline, audit_job
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Clearance, Design, Geometry, ResolvedTask, Status, Task
+from topo_search.model import Audit, BadInput, Clearance, Design, Geometry, ResolvedTask, Status, Task, as_bad_input
 from topo_search.model.bracket import Bracket
 from topo_search.model.files import load_json, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
 from topo_search.model.task_file import read_task
-from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
 from topo_search.report.cell import View
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single

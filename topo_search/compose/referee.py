@@ -14,9 +14,8 @@ import numpy as np
 import verify
 from topo_search.compose.binding import BACKENDS
 from topo_search.compose.maximizing import measured
-from topo_search.model import Audit, BadInput, Design, Geometry, Task
+from topo_search.model import Audit, BadInput, Design, Geometry, Task, objective_of
 from topo_search.model.files import read_json, validate
-from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import RESERVES
 from verify.kinematics import objective
 

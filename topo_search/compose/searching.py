@@ -15,11 +15,10 @@ from topo_search.compose import binding
 from topo_search.compose.designs import write_page
 from topo_search.engine import DaskWorkers, Workers
 from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Design, Fault, Task
+from topo_search.model import BadInput, Design, Fault, Task, as_bad_input
 from topo_search.model.proof import Problem
 from topo_search.model.search import Maximized
 from topo_search.model.task_file import read_task
-from topo_search.model.value import as_bad_input
 from topo_search.own_constraint import OwnConstraint
 from topo_search.report.shown import visible_progress
 from topo_search.report.task_warnings import warn

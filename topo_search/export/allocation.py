@@ -51,10 +51,9 @@ import numpy as np
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
-from topo_search.model import Array, Design, Flags, Module
+from topo_search.model import Array, BadInput, Design, Fault, Flags, Module, Value
 from topo_search.model.kinds import Index, Number, Vector
 from topo_search.model.text import csv_text
-from topo_search.model.value import BadInput, Fault, Value
 from verify.flight.joints import inertia
 from verify.kinematics import Platform, platform
 

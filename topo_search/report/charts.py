@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.model import Audit, BadInput, Clearance, Design, Fault
+from topo_search.model import LEAST_EFFORT, Audit, BadInput, Clearance, Design, Fault, Objective
 from topo_search.model.exposure import solid_name
-from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.report import ON_ANY_PAGE, PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, modules

@@ -11,11 +11,10 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.export.audits import forces_without_torque
 from topo_search.limits import LIMITS
-from topo_search.model import Array, Audit, Capability, Design, ResolvedTask, Status
+from topo_search.model import Array, Audit, Capability, Design, LargestValue, ResolvedTask, Status, objective_of
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import direction
 from topo_search.model.html import html_page, paragraph, table
-from topo_search.model.largest_value import LargestValue, objective_of
 from topo_search.model.maximized import Quantity
 from topo_search.model.proven import gap_percent
 from topo_search.model.value import BadInput, Fault, as_bad_input, show

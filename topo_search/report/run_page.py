@@ -9,9 +9,8 @@ import verify
 from topo_search.export.audits import broken_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.limits import quantity
-from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible, Objective
+from topo_search.model import Audit, BadInput, Design, Geometry, Infeasible, LargestValue, Objective
 from topo_search.model.flying import DROPPED
-from topo_search.model.largest_value import LargestValue
 from topo_search.model.proven import NOT_CERTIFIED, gap_percent, lower_text, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress

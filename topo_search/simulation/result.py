@@ -2,10 +2,9 @@
 
 from typing import Literal
 
-from topo_search.model.design import Design
+from topo_search.model import Design, Value
 from topo_search.model.html import heading, paragraph, table
 from topo_search.model.kinds import Flag, Index, Number, Vector
-from topo_search.model.value import Value
 from topo_search.study.request import digest
 
 Verdict = Literal["held", "not held", "not flown"]

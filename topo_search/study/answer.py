@@ -6,9 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.model import Audit, Design
+from topo_search.model import LEAST_EFFORT, Audit, Design, Objective
 from topo_search.model.features import FastAir, Level, Missed, Relaxed, find_missed
-from topo_search.model.objective import LEAST_EFFORT, Objective
 from topo_search.model.proven import gap_percent
 from topo_search.study import tables
 from topo_search.study.ledger import Row, best_of

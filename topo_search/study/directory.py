@@ -16,10 +16,9 @@ from itertools import islice
 from pathlib import Path
 
 from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Fault
+from topo_search.model import BadInput, Fault, as_bad_input
 from topo_search.model.files import write_atomically
 from topo_search.model.text import read_regular
-from topo_search.model.value import as_bad_input
 
 
 class RunFile:

@@ -11,13 +11,11 @@ from typing import Literal
 
 from topo_search.engine import Backends, Failed, Job
 from topo_search.engine.workers import audit_deadline
-from topo_search.model import Design, Topology
+from topo_search.model import LEAST_EFFORT, Design, Topology, Value
 from topo_search.model.files import to_json
 from topo_search.model.kinds import Index, Number
-from topo_search.model.objective import LEAST_EFFORT
 from topo_search.model.proof import Text
 from topo_search.model.proven import TOLERANCE
-from topo_search.model.value import Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row, row_of

@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.limits import quantity
-from topo_search.model import Audit, BadInput, Proof, ResolvedTask
+from topo_search.model import Audit, BadInput, Proof, ResolvedTask, objective_of
 from topo_search.model.exposure import half_spaces
-from topo_search.model.largest_value import objective_of
 from topo_search.model.maximized import provable_at
 from topo_search.model.proof import Aim, Problem, most_effort
 from topo_search.model.proven import gap_percent, upper_text

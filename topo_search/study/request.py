@@ -23,9 +23,8 @@ from topo_search.engine import Candidates
 from topo_search.engine.features import LatticeCandidates, ListedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, Design, ResolvedTask, Task
+from topo_search.model import Audit, Design, ResolvedTask, Task, Value
 from topo_search.model.features import Level, Stated, Versioned, fallback
-from topo_search.model.value import Value
 from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
 StrategyName = Literal["exhaustive", "randomized", "optuna"]
