@@ -4,6 +4,7 @@ Only vertices and facets are read, and no other file is opened. Free-form surfac
 not describe them.
 """
 
+import io
 import math
 import re
 from codecs import BOM_UTF8
@@ -31,12 +32,6 @@ LARGEST_COORDINATE = 1e15
 """Largest absolute value of a coordinate [m]."""
 SLACK = 1e-9
 """Offset of the planes of an outer hull, relative to its size; exceeds rounding errors of corners."""
-HEADER = 84
-"""Size of a binary STL's header [bytes]."""
-FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-"""Facet of a binary STL."""
-LOOP = rb"outer\s+loop" + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)" + rb"\s+endloop"
-"""Facet of a text STL."""
 CONVEX = 1e-6
 """Distance of a corner beyond a face, over the size, up to which a body is convex: single precision."""
 NO_VOLUME = "must be the mesh of a body with a volume"
@@ -173,23 +168,17 @@ def _obj(content: bytes) -> tuple[Array, Triangles]:
 
 
 def _stl(content: bytes) -> tuple[Array, Triangles]:
-    """Return the vertices, three per facet, and the triangles of an STL; a binary one may begin with `solid`."""
-    stated, facets = int.from_bytes(content[80:HEADER], "little"), (len(content) - HEADER) // FACET.itemsize
-    if stated == facets:
-        corners = np.frombuffer(content, FACET, facets, HEADER)["corners"].astype(float)
-    else:
-        loops, begun = re.findall(LOOP, content.lower()), len(re.findall(rb"(?i)\bfacet\s+normal\b", content))
-        if not loops or len(loops) != begun:
-            is_text = begun > 0 or content.isascii()
-            whole, due, place = (len(loops), begun, "text") if is_text else (facets, stated, "header")
-            if not due and is_text:
-                raise ValueError("must be an STL file, but has no facet")
-            raise ValueError(f"must be a whole STL file, but has {whole:,} whole facets of {due:,} in its {place}")
-        try:
-            corners = np.array(loops, dtype=float)
-        except ValueError as error:
-            raise ValueError(f"must have three numbers per vertex, but {error}") from None
-    return corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
+    """Return the vertices, three per facet, and the triangles of an STL, binary or text."""
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(content), file_type="stl", process=False)
+    except ValueError as error:
+        raise ValueError(f"must be a whole STL file, but {error}") from None
+    if not len(mesh.faces):
+        raise ValueError("must be a whole STL file, but no facet can be read")
+    corners = np.asarray(mesh.triangles).reshape(-1, 3)
+    return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
 def parts_of(mesh: Surface) -> list[Surface]:
