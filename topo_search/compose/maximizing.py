@@ -155,10 +155,10 @@ class MostCapable:
 
     def _measure(self, design: Design) -> tuple[Design, tuple[Vector, ...]]:
         """Return a design for the task of the value that it holds, and the directions in which it is weakest."""
-        return measured(design, self.margins.task.with_rod(design.task.end_effector.counted_rod))
+        return measure_reserve(design, self.margins.task.with_rod(design.task.end_effector.counted_rod))
 
 
-def measured(design: Design, task: ResolvedTask) -> tuple[Design, tuple[Vector, ...]]:
+def measure_reserve(design: Design, task: ResolvedTask) -> tuple[Design, tuple[Vector, ...]]:
     """Return a design for T(s) of a task, s being the reserve that it holds, and where it is weakest.
 
     A design without a maximised reserve is returned as it is.

@@ -13,7 +13,7 @@ import numpy as np
 
 import verify
 from topo_search.compose.binding import BACKENDS
-from topo_search.compose.maximizing import measured
+from topo_search.compose.maximizing import measure_reserve
 from topo_search.model import Audit, BadInput, Design, Geometry, Task, objective_of
 from topo_search.model.files import read_json, validate
 from topo_search.model.maximized import RESERVES
@@ -81,7 +81,7 @@ def judge(data: Any, source: str, name: str, task: Task) -> Judged:
     design = verify.complete(geometry)
     if (inputs := data.get("rotor_speeds_squared")) is not None:
         design = _with_inputs(design, inputs, source, name)
-    design, _ = measured(design, design.task)
+    design, _ = measure_reserve(design, design.task)
     bound = BACKENDS.lower_bound(resolved)
     return Judged(design, BACKENDS.audit(design), best_known(name, n), bound)
 

@@ -91,13 +91,13 @@ class TimeLeft:
         """Return the remaining time [s]."""
         left = {True: 0.0, False: 0.0}
         for phase in self._planned:
-            left[bool(phase.starts)] += self._corrected(phase, phase.steps)
+            left[bool(phase.starts)] += self._correct(phase, phase.steps)
         since = now - self._last_step
-        current = self._corrected(self._phase, self._steps_left) - since
+        current = self._correct(self._phase, self._steps_left) - since
         left[bool(self._phase.starts)] += max(current, since) if self._steps_left > 0 else 0.0
         return min(left[True], max(0.0, self._deadline - now)) + left[False]
 
-    def _corrected(self, phase: progress.Phase, steps: int) -> float:
+    def _correct(self, phase: progress.Phase, steps: int) -> float:
         """Return the expected time of some steps of a phase, times its correction [s]."""
         step = progress.duration(phase, self._workers) / max(1, phase.steps)
         measured, expected = self._spent[bool(phase.starts)]
