@@ -12,7 +12,8 @@ from pathlib import Path
 
 from topo_search.engine.workers import scaled_violation
 from topo_search.limits import quantity
-from topo_search.model import LEAST_EFFORT, BadInput, Design, Infeasible, Objective, objective_of
+from topo_search.model import LEAST_EFFORT, BadInput, Design, Infeasible, Objective
+from topo_search.model.features import objective_of
 from topo_search.study.answer import SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.features import ADD_TO_ANSWER, ADD_TO_SIZE

@@ -21,7 +21,8 @@ from typing import Self
 
 from topo_search.engine import Failed, Outcome, Tried
 from topo_search.engine.workers import record_of, scaled_violation
-from topo_search.model import Audit, Design, Flight, Infeasible, Objective, ResolvedTask
+from topo_search.model import Audit, Design, Infeasible, Objective, ResolvedTask
+from topo_search.model.features import Flight
 from topo_search.model.files import to_json
 from topo_search.study.directory import RunFiles
 from topo_search.study.ledger_file import LedgerLost, checked_text, damage, open_database, parse

@@ -21,7 +21,8 @@ from itertools import count, islice
 from topo_search.engine import Backends, Engine, Failed, Job, Outcome, Proposal, Stage, Strategy, Tried
 from topo_search.engine.strategy import may_beat
 from topo_search.engine.workers import audit_deadline, audit_job, merge
-from topo_search.model import Design, Infeasible, Topology, objective_of
+from topo_search.model import Design, Infeasible, Topology
+from topo_search.model.features import objective_of
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score_of
 from topo_search.study.progress import AUDIT_BATCH, Observer, PhaseName, audit_phase, solving_phase
