@@ -2,14 +2,16 @@
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
+from topo_search.export.audits import broken_lines, flight_lines, summary_lines
 from topo_search.model import LEAST_EFFORT, Audit, Design, Infeasible, LargestValue, Objective, Status, objective_of
 from topo_search.model.flying import DROPPED
 from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, lower_text, upper_text
+from topo_search.report.design_part import errors, power
 from topo_search.report.headline import fragile_margins
 from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
 from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
@@ -17,6 +19,10 @@ from topo_search.study.columns import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of a line about a design without such a rod."""
+
+
+TEXTS = ("", "key", "audit", "run", "error", "first violation", "case")
+"""Columns of text, which are left-aligned."""
 
 
 def answer_lines(answer: Answer) -> Iterator[str]:
@@ -176,12 +182,12 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
 
     table = Table(box=None, pad_edge=False)
     for name in columns:
-        table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
+        table.add_column(name, justify="left" if name in TEXTS else "right")
     for row in rows:
         table.add_row(*row)
     console = Console(highlight=False, markup=False)  # rich would take units in brackets as markup
     if not console.is_terminal:
-        console = Console(highlight=False, markup=False, width=100)
+        console = Console(highlight=False, markup=False, width=120)
     with console.capture() as captured:
         console.print(table)
     yield from captured.get().splitlines()
@@ -239,9 +245,11 @@ def audit_lines(name: str, audit: Audit, *, details: bool = False) -> Iterator[s
     yield from (f"  {line}" for line in summary_lines(audit))
     if details:
         notes = [f"note: {excess.words}" for excess in audit.mesh_excess]
-        flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
+        tolerances = () if audit.tolerances_words is None else (audit.tolerances_words,)
+        flight = () if audit.flight is None else flight_lines(audit.flight)
         air = () if audit.air is None else audit.air.sentences()
-        yield from (f"  {line}" for line in (*notes, *tolerance_lines(audit), *flight, *air))
+        tables = (_table(*part[:2]) for part in (errors(audit), power(audit)) if part is not None)
+        yield from (f"  {line}" for line in chain(notes, tolerances, flight, air, *tables))
     if audit.placement is not None:
         yield from (f"  note: {sentence}" for sentence in audit.placement.sentences())
     sheet = audit.assembly.end_effector

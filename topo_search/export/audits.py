@@ -19,23 +19,6 @@ NAMED_ROTORS = 8
 """Largest number of rotors listed by name; of more only the count is given."""
 
 
-def tolerance_lines(audit: Audit) -> Iterator[str]:
-    """Yield the build errors that a design tolerates: a line per kind, and one for all of the task's together."""
-    if (sensitivity := audit.sensitivity) is None:
-        return
-    errors = (
-        ("hinge angles may be off", sensitivity.hinge_angle_deg, "deg"),
-        ("positions may be off", sensitivity.position_m, "m"),
-        ("airflow may reach farther", sensitivity.envelope_m, "m"),
-    )
-    for name, limit, unit in errors:
-        if limit is not None:
-            worse = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
-            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{worse}; first to break: {limit.name}"
-    if (words := audit.tolerances_words) is not None:
-        yield words
-
-
 def broken_lines(audit: Audit) -> Iterator[str]:
     """Yield a line for each requirement that is not clear, with the shortfall in its unit."""
     for pair in audit.pairs:
@@ -122,19 +105,6 @@ def forces_without_torque(capability: Capability) -> Iterator[str]:
     if volume:
         size = f"any of {lower_text(ball, 5)} N, and a set" if ball else "a set"
         yield f"forces without torque: {size} of {lower_text(volume, 5)} N³"
-
-
-def power_lines(audit: Audit) -> Iterator[str]:
-    """Yield the power in hover and in the most demanding load case."""
-    hover = [case for case in audit.power if audit.flight is not None and case.name == audit.flight.hover.name]
-    worst = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
-    for case in (*hover, *([] if worst is None else [worst])):
-        minutes = case.endurance_min
-        endurance = "" if minutes is None else f"; batteries last {upper_text(minutes, 3)} min at most"
-        yield (
-            f"power in {case.name}: {case.shaft_W:.3g} W at the shafts, {case.ideal_W:.3g} W if rotors were ideal "
-            f"(figure of merit {case.figure_of_merit:.3g}){endurance}"
-        )
 
 
 def _rotors_out(out: RotorsOut, uncontrolled: str, *, named: bool = True) -> str:
