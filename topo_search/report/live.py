@@ -15,15 +15,15 @@ from typing import Any
 
 from topo_search.model import BadInput
 from topo_search.report.page import render
-from topo_search.report.progress import describe, period, stage
+from topo_search.report.progress import Follower, describe, stage
 from topo_search.report.run_page import run_page
-from topo_search.study import Observer, Phase, Plan, Row, RunFolder, TimeLeft
+from topo_search.study import Observer, Phase, Plan, Row, RunFolder
 
 LOOPBACK = "127.0.0.1"
 """Address of the server; other machines cannot reach it."""
 
 
-class Live:
+class Live(Follower):
     """An observer that forwards progress to another observer, and renders the page of the run so far."""
 
     refresh_s = 5.0
@@ -33,29 +33,26 @@ class Live:
 
     def __init__(self, path: Path, observer: Observer) -> None:
         """Observe the run in the folder `path`; `observer` receives all progress too."""
-        self._path, self._observer = path, observer
-        self._time_left = TimeLeft()
-        self._phase: Phase | None = None
-        self._steps_done = self._version = 0
-        self._incumbent: Row | None = None
+        super().__init__()
+        self._path, self._observer, self._version = path, observer, 0
         self._page, self._due_s = "", 0.0
         self._rendering = threading.Lock()
 
     def plan(self, plan: Plan) -> None:
         """Set the plan."""
-        self._time_left.plan(plan, time.monotonic())
+        super().plan(plan)
         self._observer.plan(plan)
 
     def phase(self, phase: Phase) -> None:
         """Begin a stage."""
-        self._phase, self._steps_done, self._version = phase, 0, self._version + 1
-        self._time_left.begin(phase, time.monotonic())
+        super().phase(phase)
+        self._version += 1
         self._observer.phase(phase)
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
         """Count a step."""
-        self._incumbent, self._steps_done, self._version = incumbent, self._steps_done + 1, self._version + 1
-        self._time_left.step(time.monotonic(), known=known)
+        super().settled(incumbent, known=known)
+        self._version += 1
         self._observer.settled(incumbent, known=known)
 
     def note(self, text: str) -> None:
@@ -67,9 +64,8 @@ class Live:
         """Progress in words, and a version number that grows with it."""
         if self._phase is None:
             return {"words": "The run is starting.", "version": 0}
-        remaining = period(self._time_left(time.monotonic()))
         steps = "" if self._phase.is_serial else f"{self._steps_done} of {self._phase.steps}, "
-        words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {remaining} left"
+        words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, {self.time_left}"
         return {"words": words, "version": self._version}
 
     def page(self) -> str:

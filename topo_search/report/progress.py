@@ -7,7 +7,7 @@ from itertools import groupby
 
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import modules, quantity
-from topo_search.study import Phase, Plan, Row, TimeLeft
+from topo_search.study import Observer, Phase, Plan, Row, TimeLeft
 
 Words = Callable[[Row | None], str]
 """Function that describes the best design so far in a few words."""
@@ -64,7 +64,36 @@ def describe_plan(plan: Plan) -> str:
     return f"plan: {'; '.join(parts)}; {', '.join(names)}{workers}: about {period(plan.seconds)}{time_limit}"
 
 
-class Lines:
+class Follower(Observer):
+    """Counts the steps of a run, and estimates the time that is left."""
+
+    def __init__(self) -> None:
+        self._time_left = TimeLeft()
+        self._phase: Phase | None = None
+        self._steps_done = 0
+        self._incumbent: Row | None = None
+
+    def plan(self, plan: Plan) -> None:
+        """Begin a run."""
+        self._time_left.plan(plan, time.monotonic())
+
+    def phase(self, phase: Phase) -> None:
+        """Begin a stage."""
+        self._phase, self._steps_done = phase, 0
+        self._time_left.begin(phase, time.monotonic())
+
+    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
+        """Count a step."""
+        self._incumbent, self._steps_done = incumbent, self._steps_done + 1
+        self._time_left.step(time.monotonic(), known=known)
+
+    @property
+    def time_left(self) -> str:
+        """The time that is left in words."""
+        return f"about {period(self._time_left(time.monotonic()))} left"
+
+
+class Lines(Follower):
     """Prints progress as plain lines for logs and notebooks.
 
     Example:
@@ -85,34 +114,30 @@ class Lines:
             words: Describes the best design so far.
             every: Time between the lines of a stage [s].
         """
+        super().__init__()
         self._tell, self._words, self._every = tell, words, every
-        self._time_left = TimeLeft()
-        self._phase: Phase | None = None
-        self._steps_done = 0
         self._last_print_s = time.monotonic()
 
     def plan(self, plan: Plan) -> None:
         """Print the plan."""
-        self._time_left.plan(plan, time.monotonic())
+        super().plan(plan)
         self._tell(describe_plan(plan))
 
     def phase(self, phase: Phase) -> None:
         """Print the message at the beginning of a stage."""
-        self._phase, self._steps_done = phase, 0
-        self._time_left.begin(phase, time.monotonic())
+        super().phase(phase)
         self._tell(announcement(phase))
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
         """Print the progress, unless a line was printed a short time ago."""
-        self._time_left.step(time.monotonic(), known=known)
-        self._steps_done += 1
+        super().settled(incumbent, known=known)
         now = time.monotonic()
         if now - self._last_print_s < self._every or self._phase is None:
             return
         self._last_print_s = now
         best = self._words(incumbent)
         parts = [f"{self._steps_done} of {self._phase.steps}", *([best] if best else [])]
-        self._tell(f"{stage(self._phase)}: {', '.join(parts)}, about {period(self._time_left(now))} left")
+        self._tell(f"{stage(self._phase)}: {', '.join(parts)}, {self.time_left}")
 
     def note(self, text: str) -> None:
         """Print a note."""

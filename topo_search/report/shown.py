@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from topo_search.study.progress import Observer
 
 
@@ -26,33 +24,28 @@ def visible_progress(
         incumbent: False if there is no best design to show.
         tell: prints a line now and then where there is no terminal; None: a script, which prints nothing.
     """
-    words = None if incumbent else lambda _: ""
     if observer is not None:
         yield observer
-    elif sys.stderr.isatty():
+        return
+    from rich.console import Console
+
+    from topo_search.report.progress import Lines, describe
+
+    console, words = Console(stderr=True), describe if incumbent else lambda _: ""
+    if sys.stderr.isatty():
         from topo_search.report.bar import Bar
 
-        with Bar.show(_console(), words) as bar:
+        with Bar.show(console, words) as bar:
             yield bar
     elif tell is not None:
-        from topo_search.report.progress import Lines, describe
-
-        yield Lines(tell, words or describe)
-    elif _console().is_jupyter:
+        yield Lines(tell, words)
+    elif console.is_jupyter:
         from IPython.display import display
 
-        from topo_search.report.progress import Lines, describe
-
         cell = display({"text/plain": ""}, raw=True, display_id=True)
-        yield Lines(lambda line: cell.update({"text/plain": line}, raw=True), words or describe, every=0.5)
+        yield Lines(lambda line: cell.update({"text/plain": line}, raw=True), words, every=0.5)
         cell.update({"text/plain": ""}, raw=True)
     else:
         from topo_search.study.progress import SilentObserver
 
         yield SilentObserver()
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    return Console(stderr=True)
