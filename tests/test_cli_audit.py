@@ -165,10 +165,6 @@ def replaced(old, new):
 HARM = {
     "binary": (bytes(range(256)) * 50, "must be UTF-8 text, but got the byte 0x80 at offset 128"),
     "NaN": (text(objective=float("nan")), "objective: must be a finite number, but got NaN"),
-    "a field twice": (
-        replaced('"objective": ', '"objective": 1.0, "objective": '),
-        'must give every name of an object once, but got "objective" twice',
-    ),
     "a million faults": (text(hinge_angles_rad=[None] * 10**6), "has 1,000,000"),
     "an escape sequence": (replaced('"name": "case"', '"name": "\\u001b[2J"'), "task.name"),
 }

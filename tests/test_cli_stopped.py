@@ -24,7 +24,7 @@ HANG = 10.0
 RUN = ("run", "push", "--modules", "4", "--starts", "2", "--workers", "2", "--out", "run")
 COMMANDS = (
     RUN,
-    ("solve", "push", "--modules", "20", "--sample-seed", "0"),
+    ("solve", "push", "--topology", "a3333333333333333330"),
     ("topologies", "1000", "--count"),
     ("experiment", "scaling", "--small", "--out", "experiment"),
 )

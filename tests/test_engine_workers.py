@@ -12,7 +12,7 @@ from engine_jobs import LONG, misbehave, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
-from topo_search.experiments.measuring import peak_mb
+from topo_search.experiments.study import peak_mb
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):
@@ -113,7 +113,7 @@ def test_workers_do_not_import_the_script_that_starts_them(tmp_path, start):
 # ---- test_engine_usage
 
 BLOCK_MB = 400.0
-SAY = "from topo_search.experiments.measuring import peak_mb; print(peak_mb())"
+SAY = "from topo_search.experiments.study import peak_mb; print(peak_mb())"
 
 
 def test_a_process_counts_its_own_memory_and_not_that_of_its_parent():

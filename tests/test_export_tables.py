@@ -1,20 +1,16 @@
 """Tables of candidates and clearances: columns of the right types, and files that read back the same."""
 
-import csv
 import io
 
-import numpy as np
 import pandas as pd
 import pyarrow.parquet
 import pytest
 from toy_problem import toy_run
 from verify_cases import changed, fan
 
-import verify
 from topo_search.export import audits as tables
 from topo_search.export.audits import clearances, parquet, residuals
 from topo_search.model import Audit, Residual
-from topo_search.model.text import escape_formula
 from topo_search.study import COLUMNS
 from verify import audit
 
@@ -82,30 +78,3 @@ def test_the_candidates_of_an_answer_are_those_of_its_file(tmp_path, monkeypatch
     assert tables.csv(frame) == (tmp_path / "run" / "candidates.csv").read_text()
     assert set(frame.status) == {"feasible", "infeasible"}
     assert frame.objective.dtype == frame.violation.dtype == float
-
-
-# ---- Texts of users that a spreadsheet would run as formulas, in every table written.
-
-FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
-
-
-@pytest.mark.parametrize("text", FORMULAS)
-def test_a_text_is_no_formula(text: str) -> None:
-    assert escape_formula(text) == f"'{text}"
-
-
-@pytest.mark.parametrize(
-    "cell", [-1.5, 3, "-1.5", "+1e-3", "-inf", "", "a-b", "load case 0, torque", None, "clear"]
-)
-def test_numbers_and_plain_texts_stay_what_they_are(cell: object) -> None:
-    assert escape_formula(cell) == cell
-
-
-def test_tables_of_clearances_name_files_harmlessly() -> None:
-    audit = verify.audit(fan())
-    frame = tables.clearances_of([(name, audit) for name in FORMULAS])
-    rows = list(csv.DictReader(tables.csv(frame).splitlines()))
-    assert {row["design"] for row in rows} == {f"'{name}" for name in FORMULAS}
-    assert [float(row["analytic_m"]) for row in rows] == frame["analytic_m"].tolist()
-    numbers = pd.DataFrame({"x": [-1.5, np.nan], "n": pd.array([-1, None], dtype="Int64"), "t": ["-x", None]})
-    assert tables.csv(numbers) == "x,n,t\n-1.5,-1,'-x\n,,\n"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from clock import Clock
 from direct import Direct, random_start
 from stopwatch import Stopwatch
 
@@ -14,7 +15,6 @@ from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
 from nlp.program import AssembledProgram
 from nlp.starts.random_starts import draw, generator
-from topo_search.experiments.measuring import Clock
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.task_file import read_task
 from topo_search.topologies import sample

@@ -16,7 +16,7 @@ from multiprocessing.connection import Connection
 from types import TracebackType
 from typing import Any, Self
 
-from topo_search.experiments.measuring import peak_mb
+from topo_search.experiments.study import peak_mb
 
 Row = dict[str, Any]
 Measurement = Callable[..., Iterator[Row]]

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from topo_search.limits import LIMITS
+from topo_search.topologies import sample
 
 HEAD = 'name = "limit"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
@@ -63,8 +64,8 @@ def inputs(folder: Path) -> dict[str, list[str]]:
     (folder / "facets.stl").write_bytes(mesh(LIMITS.facets))
     (folder / "beyond.stl").write_bytes(mesh(1_000_000))
     commands = {name: ["check", f"{name}.toml"] for name in tasks}
-    far = ["--sample-seed", "0", "--starts", "1", "--set", "module.connector_distance=0.5"]
-    commands["modules"] = ["solve", "ten-wrenches", "--modules", str(LIMITS.modules), *far]
+    far = ["--starts", "1", "--set", "module.connector_distance=0.5"]
+    commands["modules"] = ["solve", "ten-wrenches", "--topology", sample(LIMITS.modules, 1, 0)[0].key, *far]
     commands["modules-beyond"] = ["check", "push", "--modules", "10000"]
     commands["solve-load-cases"] = ["solve", "load-cases.toml", "--topology", "a70010", "--starts", "1"]
     return commands

@@ -7,12 +7,13 @@ from collections.abc import Iterator
 
 from attempts import TaskChoice, load
 from children import Child
+from clock import Clock
 from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
 
 import nlp
 from nlp.solving import UNTANGLED_STARTS
-from topo_search.experiments.measuring import Clock, peak_mb
+from topo_search.experiments.study import peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample
 from verify import audit

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from attempts import TaskChoice, load
 from children import Child
+from clock import Clock
 from options import AIRFLOW_ALONE, Options, at
 from part_share import kind_of
 from rows import Row, Rows
@@ -13,7 +14,7 @@ from rows import Row, Rows
 import nlp
 from nlp.evaluation import violations
 from nlp.starts.random_starts import draw, generator
-from topo_search.experiments.measuring import Clock, peak_mb
+from topo_search.experiments.study import peak_mb
 from topo_search.model import Design, Topology
 from topo_search.topologies import sample
 from verify import audit

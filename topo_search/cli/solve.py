@@ -21,15 +21,8 @@ if TYPE_CHECKING:
 @command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
 @click.argument("task")
 @click.option(
-    "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
+    "--topology", "key", metavar="KEY", required=True, help="The topology, as `topo-search topologies` prints it."
 )
-@options.whole_number(
-    "--sample-seed",
-    (0, LIMITS.largest_integer),
-    "Solve the tree that `topologies N --sample 1 --seed S` prints with the task's root and connectors.",
-    metavar="S",
-)
-@options.modules
 @options.set_field
 @options.paper
 @options.starts("Number of starts (default: until more starts no longer help, or time is up).")
@@ -40,9 +33,7 @@ if TYPE_CHECKING:
 @options.as_json
 def solve(
     task: str,
-    key: str | None,
-    sample_seed: int | None,
-    modules: str | None,
+    key: str,
     settings: tuple[str, ...],
     paper: bool,
     near: tuple[str, ...],
@@ -60,9 +51,11 @@ def solve(
     from topo_search.cli.tables import progress_line, solved_lines
     from topo_search.engine import Failed
     from topo_search.model.files import write_atomically
+    from topo_search.model.value import as_bad_input
 
-    problem = options.task_of(task, settings, paper=paper, modules=modules)
-    topology = _topology(problem, key, sample_seed, sized=modules is not None)
+    problem = options.task_of(task, settings, paper=paper)
+    with as_bad_input("--topology"):
+        topology = ts.Topology.from_key(key)
     designs = options.read_near(near)
     options.require_writable(out)
     options.warn(problem.model_copy(update={"modules": topology.n}))
@@ -82,27 +75,6 @@ def solve(
     else:
         options.echo_lines([ts.to_json(solved.outcome).rstrip("\n")] if options.is_json() else lines)
     raise SystemExit(solved.exit_status)
-
-
-def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized: bool) -> ts.Topology:
-    """Return the tree that `--topology` or `--sample-seed` selects; `sized`: --modules is given."""
-    from topo_search.study import Request
-
-    if key is not None and sample_seed is None:
-        try:
-            topology = ts.Topology.from_key(key)
-        except ValueError as error:
-            raise ts.BadInput("--topology", str(error)) from None
-        if sized and topology.n not in task.sizes:
-            rule = f"must have the number of modules of --modules, but got {topology.n} in {key}"
-            raise ts.BadInput("--topology", rule)
-        return topology
-    if key is None and sample_seed is not None:
-        if len(task.sizes) > 1:
-            raise ts.BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
-        (topology,) = Request(task, "c2", starts=1, seed=0).space(task.sizes[0]).sample(1, sample_seed)
-        return topology
-    raise click.UsageError("give either --topology or --sample-seed")
 
 
 @command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01", resumes=True)

@@ -145,22 +145,18 @@ def available_cores() -> int:
 def cpu_quota(root: Path) -> float:
     """Return the number of cores whose CPU time this process may use, as a container limits it.
 
-    The limits are those of its control group and the groups above, of version 2 or 1 (Linux, cgroups(7)).
+    The limits are those of its control group and the groups above (Linux, cgroups(7), version 2).
 
     Args:
         root: root of the file system.
     """
     quota, member = math.inf, root / "proc/self/cgroup"
     for line in member.read_text().splitlines() if member.exists() else ():
-        _, controllers, group = line.split(":", 2)
-        if controllers and "cpu" not in controllers.split(","):
-            continue
-        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")
-        names = ("cpu.cfs_quota_us", "cpu.cfs_period_us") if controllers else ("cpu.max",)
-        for folder in (mount / group.lstrip("/"), *(mount / group.lstrip("/")).parents):
+        group = root / "sys/fs/cgroup" / line.removeprefix("0::/")
+        for folder in (group, *group.parents) if line.startswith("0::/") else ():
             with suppress(OSError):
-                limit, period = " ".join((folder / name).read_text() for name in names).split()
-                quota = min(quota, math.inf if limit in ("max", "-1") else int(limit) / int(period))
+                limit, period = (folder / "cpu.max").read_text().split()
+                quota = min(quota, math.inf if limit == "max" else int(limit) / int(period))
     return quota
 
 

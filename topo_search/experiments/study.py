@@ -30,6 +30,7 @@ import json
 import math
 import os
 import platform
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -43,12 +44,10 @@ import nlp
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Job, Workers
 from topo_search.engine.workers import audit_deadline, merge, record_of, solve_deadline
-from topo_search.experiments.measuring import Clock, peak_mb
 from topo_search.limits import LIMITS
 from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology
 from topo_search.model.files import load_json, load_text, write_atomically
 from topo_search.model.task_file import read_task
-from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
 from topo_search.report.shown import visible_progress
 from topo_search.study import Observer, Phase
@@ -310,7 +309,7 @@ def open_record(
                 writer.writeheader()
 
             def add(row: Row) -> None:
-                writer.writerow({name: escape_formula(value) for name, value in row.items()})
+                writer.writerow(row)
                 stream.flush()
 
             rows = csv.DictReader(io.StringIO(text))
@@ -351,13 +350,13 @@ def measure(backends: Backends, settings: Settings, first: bool, cell: Cell) -> 
     """Solve and audit one cell (in a worker) and return its row."""
     _load(backends, cell.task, cell.distance_m, min(cell.n, 8))  # eight modules load all compiled code
     task, topology = cell.resolve(), Topology.from_key(cell.key)
-    clock, solve_s, iterations = Clock(), 0.0, 0
+    began, iterations = time.process_time(), 0
     best: Design | Infeasible | None = None
     for s in range(settings.starts) if first else [0]:
         starts = range(s, s + 1) if first else range(settings.starts)  # those of a range share compiled programs
         outcome = backends.solve(Job(task, topology, starts, settings.seed))
         best = outcome if best is None else merge(best, outcome, task)
-        solve_s += clock.lap()
+        solve_s = time.process_time() - began
         iterations += record.iterations if (record := record_of(outcome)) else 0
         if isinstance(outcome, Design) or outcome.status == "impossible" or solve_s > settings.time_limit:
             break
@@ -366,10 +365,11 @@ def measure(backends: Backends, settings: Settings, first: bool, cell: Cell) -> 
     row["starts"] = record.starts if (record := record_of(best)) else 0
     if isinstance(best, Infeasible):
         return row | {name: getattr(best, name) for name in ("status", "worst_constraint", "violation", "unit")}
+    began = time.process_time()
     audit = backends.audit(best)
     row |= {name: getattr(best, name) for name in ("objective", "lower_bound", "gap")} | {"status": "feasible"}
     row |= {"offset_m": round(math.hypot(*kinematics.platform(best).p_e), 6), "verdict": str(audit.verdict)}
-    row |= {"audit_s": round(clock.lap(), 4), "peak_mb": round(peak_mb(), 1)}
+    row |= {"audit_s": round(time.process_time() - began, 4), "peak_mb": round(peak_mb(), 1)}
     if (overlaps := audit.interference) is None:
         return row
     collisions = [pair for pair in audit.pairs if pair.kind == "airflow" and pair.status is Status.VIOLATED]
@@ -380,6 +380,12 @@ def measure(backends: Backends, settings: Settings, first: bool, cell: Cell) -> 
         "deepest_percent": overlaps.deepest_percent,
         "depths_percent": " ".join(f"{depth:.1f}" for depth in depths),
     }
+
+
+def peak_mb() -> float:
+    """Return the peak memory of this process [MB]."""
+    with open("/proc/self/status") as status:  # not `ru_maxrss`, which includes the parent's memory
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM:")) / 2**10
 
 
 @cache

@@ -10,7 +10,6 @@ from pydantic import BaseModel
 from topo_search.model import Audit, Capability, Clearance, Flight, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.text import escape_formula
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -157,9 +156,7 @@ def residuals(audit: Audit) -> pd.DataFrame:
 
 
 def csv(frame: pd.DataFrame) -> str:
-    """Return a data frame as the text of a CSV file; unknown values are empty, and formulas are escaped."""
-    texts = frame.select_dtypes(exclude="number").columns
-    frame = frame.assign(**{name: frame[name].map(escape_formula) for name in texts})
+    """Return a data frame as the text of a CSV file; unknown values are empty."""
     return frame.to_csv(index=False, lineterminator="\n")
 
 

@@ -65,7 +65,7 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
         most_bytes: largest size that is read.
 
     Raises:
-        BadInput: unreadable, too large, not a regular file, invalid JSON, or a name twice in an object.
+        BadInput: unreadable, too large, not a regular file, or invalid JSON.
     """
     text = load_text(path, most_bytes=most_bytes)
     with as_bad_input(str(path)):

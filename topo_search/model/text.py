@@ -6,13 +6,10 @@ import json
 import os
 import stat
 import tomllib
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
-
-from topo_search.model.value import show
+from typing import Any
 
 
 class NotReadable(ValueError):
@@ -73,33 +70,11 @@ def toml_data(text: str) -> dict[str, Any]:
 
 
 def json_data(text: str) -> Any:
-    """Return the data of a JSON text; ValueError if it is invalid, or an object has a name twice."""
+    """Return the data of a JSON text; ValueError if it is invalid."""
     try:
-        return json.loads(text, object_pairs_hook=_unique_names)
+        return json.loads(text)
     except (RecursionError, ValueError) as error:
         raise ValueError(f"is not a JSON file, or only a part of one: {error}") from None
-
-
-def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    table = dict(pairs)
-    if len(table) < len(pairs):
-        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
-        raise ValueError(f"must give every name of an object once, but got {show(name)} twice")
-    return table
-
-
-AnyCell = TypeVar("AnyCell")
-
-
-def escape_formula(cell: AnyCell) -> AnyCell | str:
-    """Return a cell in which a string that a spreadsheet would run as a formula is quoted; numbers stay numbers."""
-    if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
-        return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -107,5 +82,5 @@ def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(head)
-    writer.writerows(map(escape_formula, row) for row in rows)
+    writer.writerows(rows)
     return text.getvalue()
