@@ -152,7 +152,7 @@ def test_a_script_without_a_guard_solves_and_audits(tmp_path):
 
 def test_commands_on_one_candidate_start_no_process(alone, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["solve", "push", "--modules", "3", "--topology", "a300", "--starts", "1", "--out", "a300.json"]
+    words = ["solve", "push", "--topology", "a300", "--starts", "1", "--out", "a300.json"]
     for command in (words, ["audit", "a300.json"], ["audit", "a300.json", "--workers", "2"]):
         invoke(*command)
 

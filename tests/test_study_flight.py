@@ -111,9 +111,9 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     assert size.near_ties_unaudited == 0
     print(*answer_lines(answer), sep="\n")
     lines = capsys.readouterr().out.splitlines()
-    place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least control effort"))
-    assert [line.split()[0] for line in lines[place + 3 : place + 6]] == ["aa00", "a500", "a600"]
-    assert lines[place + 3].split()[1:6] == ["+0.95", "%", "2", "N", "0.125"]
+    place = next(k for k, line in enumerate(lines) if "designs within 1 % of the least control effort" in line)
+    assert [line.split()[0] for line in lines[place + 2 : place + 5]] == ["aa00", "a500", "a600"]
+    assert lines[place + 2].split()[1:6] == ["+0.95", "%", "2", "N", "0.125"]
     assert says(lines[-3], "a500: hovers", "1.25 N towards -y", "11 of 12")
     shown = size._repr_html_()
     place = shown.index("within 1 % of the least control effort")

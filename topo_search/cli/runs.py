@@ -109,11 +109,13 @@ def compare(first: Path, second: Path, out: Path) -> None:
 
     Exit status: 0 compared; 2 bad input.
     """
-    from topo_search.cli.tables import figure_lines
+    from topo_search.cli.tables import table_lines
+    from topo_search.report.design_page import figure_table
 
     options.require_writable(out)
-    figures = {side[0].name: _figures(side[0]) for side in ts.compare(first, second, out=out)}
-    options.echo_answer(figures, (*figure_lines(figures), f"the page is in {out}"))
+    best = [side[0] for side in ts.compare(first, second, out=out)]
+    lines = table_lines(*figure_table(*best)[:2])
+    options.echo_answer({design.name: _figures(design) for design in best}, (*lines, f"the page is in {out}"))
 
 
 def _figures(design: Compared) -> dict[str, object]:

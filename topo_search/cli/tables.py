@@ -1,27 +1,26 @@
 """Tables and sentences that commands print."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import broken_lines, flight_lines, summary_lines
 from topo_search.model import LEAST_EFFORT, Audit, Design, Infeasible, LargestValue, Objective, Status, objective_of
 from topo_search.model.flying import DROPPED
-from topo_search.model.proven import NOT_CERTIFIED, at_least, at_most, gap_percent, lower_text, upper_text
+from topo_search.model.proven import NOT_CERTIFIED, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.design_part import errors, power
 from topo_search.report.headline import fragile_margins
-from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
-from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
-from topo_search.study.columns import proven_cell
+from topo_search.report.run_page import front_designs, near_tie_table
+from topo_search.report.wording import modules, quantity
+from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of a line about a design without such a rod."""
 
 
-TEXTS = ("", "key", "audit", "run", "error", "first violation", "case")
+TEXTS = ("figure", "key", "tree", "audit", "run", "error", "first violation", "case")
 """Columns of text, which are left-aligned."""
 
 
@@ -67,7 +66,10 @@ def _size(size: SizeAnswer) -> Iterator[str]:
     if size.feasible:
         yield f"feasible trees, symmetric copies included: {size.feasible}"
         yield from _rows(size.top, size.objective)
-        yield from _near_ties(size)
+    if len(size.near_ties) > 1:
+        caption, ties = near_tie_table(size)
+        yield caption
+        yield from table_lines(*ties[:2])
     if not size.complete:
         reached = f", after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
         yield f"not finished{reached}; run the same command to continue"
@@ -102,14 +104,7 @@ def _front(answer: Answer) -> Iterator[str]:
     if not answer.points:
         return
     yield f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:"
-    rows = []
-    for point in answer.points:
-        reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
-        effort, peak = f"{point.row.objective:.3g}", f"{upper_text(point.peak_input, 3)} u_max"
-        value = () if point.row.value is None else (lower_text(point.row.value, 3),)
-        rows.append((point.row.key, str(point.row.modules), *value, effort, *reached, peak, str(point.number)))
-    number = tuple(dict.fromkeys((answer.objective.column, LEAST_EFFORT.column)))
-    yield from _table(("key", "modules", *number, "clearance", "stand-off", "peak input", "level"), rows)
+    yield from table_lines(*front_designs(answer.points, answer.objective)[:2])
 
 
 def _rows(rows: tuple[Row, ...], objective: Objective) -> Iterator[str]:
@@ -122,41 +117,13 @@ def _rows(rows: tuple[Row, ...], objective: Objective) -> Iterator[str]:
         cells.append((key, number, beside, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
     second = "J over bound" if objective.better == "less" else LEAST_EFFORT.column
     columns = "key", objective.column, second, "gap", "hits", "symmetric copies", "audit"
-    return _table(columns, cells)
+    return table_lines(columns, cells)
 
 
 def _summary_cells(row: Row) -> tuple[str, str, str, str]:
     gap = "" if row.gap is None else gap_percent(row.gap)
     number = f"{row.objective:.3g}" if row.value is None else lower_text(row.value, 3)
     return row.key, number, gap, row.audit or ("failed" if row.audit_failure else "")
-
-
-def _near_ties(size: SizeAnswer) -> Iterator[str]:
-    """Yield the hover reserves of designs with nearly the best effort, if there are several."""
-    if size.best is None or len(size.near_ties) < 2:
-        return
-    yield f"within {100 * NEAR_BEST:g} % of the {size.objective.least}, largest force reserve in hover first:"
-    cells = [near_tie_cells(row, size.objective.difference(row, size.best), size.rotors) for row in size.near_ties]
-    yield from _table(near_tie_columns(size.objective), cells)
-    if size.near_ties_unaudited:
-        yield f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}"
-
-
-def figure_lines(designs: Mapping[str, Mapping[str, object]]) -> Iterator[str]:
-    """Return a table with a column for each design, and a row for each figure that one of them has."""
-    rows = []
-    for name in next(iter(designs.values())):
-        figures = [design.get(name) for design in designs.values()]
-        if any(figure is not None for figure in figures):
-            label = "J [rad^4/s^4]" if name == "objective" else name  # the name in files, which is kept
-            rows.append((label, *("" if figure is None else _text(name, figure) for figure in figures)))
-    return _table(("", *designs), rows)
-
-
-def _text(name: str, figure: Any) -> str:
-    if name == "objective":
-        return f"{figure:.6g}"
-    return gap_percent(figure) if name == "gap" else str(proven_cell(name, figure))
 
 
 def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
@@ -173,10 +140,11 @@ def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
         rows.append((str(path), sizes, solved, *cells))
     columns = "run", "modules", "candidates solved", "best", "largest", "J [rad^4/s^4]", "gap", "audit"
     kept = [k for k, name in enumerate(columns) if name != "largest" or any(row[k] for row in rows)]
-    return _table([columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
+    return table_lines([columns[k] for k in kept], [[row[k] for k in kept] for row in rows])
 
 
-def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+def table_lines(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    """Yield a table line by line."""
     from rich.console import Console  # slow to import, and most commands print no table
     from rich.table import Table
 
@@ -190,7 +158,7 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
         console = Console(highlight=False, markup=False, width=120)
     with console.capture() as captured:
         console.print(table)
-    yield from captured.get().splitlines()
+    yield from map(str.rstrip, captured.get().splitlines())
 
 
 def _merit(objective: Objective, design: Row | Design) -> str:
@@ -248,7 +216,7 @@ def audit_lines(name: str, audit: Audit, *, details: bool = False) -> Iterator[s
         tolerances = () if audit.tolerances_words is None else (audit.tolerances_words,)
         flight = () if audit.flight is None else flight_lines(audit.flight)
         air = () if audit.air is None else audit.air.sentences()
-        tables = (_table(*part[:2]) for part in (errors(audit), power(audit)) if part is not None)
+        tables = (table_lines(*part[:2]) for part in (errors(audit), power(audit)) if part is not None)
         yield from (f"  {line}" for line in chain(notes, tolerances, flight, air, *tables))
     if audit.placement is not None:
         yield from (f"  note: {sentence}" for sentence in audit.placement.sentences())

@@ -187,7 +187,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
             charts.append((f"progress-{size.modules}", caption, progress(solves, size.objective, limit)))
     return {
         "sizes": _sizes(answer),
-        "near_ties": tuple(_near_tie_table(size) for size in answer.sizes if len(size.near_ties) > 1),
+        "near_ties": tuple(near_tie_table(size) for size in answer.sizes if len(size.near_ties) > 1),
         "least": answer.objective.least,
         "asked": folder.request.strategy == "randomized",
         **ranking(candidates, answer.objective, proofs=any(size.proven is not None for size in answer.sizes)),
@@ -231,7 +231,7 @@ def _bound_cell(size: SizeAnswer) -> dict[str, str]:
     return {"lower bound [rad⁴/s⁴]": rounded_down(size.lower_bound, digits=5)}
 
 
-def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
+def near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
     """Return caption and table of the designs of one size that are about as good as the best."""
     best = size.best or size.near_ties[0]
     text = f"{modules(size.modules)}: audited designs within {100 * NEAR_BEST:g} % of the {size.objective.least}, "
@@ -315,10 +315,11 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
         for name in (*names, *efforts)
         if any(point.cells[name] is not None for point in answer.points)
     ]
-    return {"charts": charts, "designs": _designs(answer.points, objective), "levels": _levels(answer)}
+    return {"charts": charts, "designs": front_designs(answer.points, objective), "levels": _levels(answer)}
 
 
-def _designs(points: Sequence[FrontPoint], objective: Objective) -> Table:
+def front_designs(points: Sequence[FrontPoint], objective: Objective) -> Table:
+    """Return the designs of a front with what they reach, best first."""
     lowest_J = min((point.row.objective or 0.0 for point in points), default=None)
     rows = [
         [
