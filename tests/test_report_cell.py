@@ -41,11 +41,6 @@ def test_a_design_has_a_view_in_one_page(wall_press, tmp_path) -> None:
     assert repr(view) == "<3-D view of wall-test: 5 modules, a70010>"
 
 
-def test_only_a_design_has_a_view() -> None:
-    with pytest.raises(ts.BadInput, match="design: must be a Design, but got str"):
-        ts.view("push")  # type: ignore[arg-type]
-
-
 def test_a_view_and_the_page_of_a_design_play_the_flights(tmp_path) -> None:
     made = ts.read_json(ts.Design, Path(__file__).parent / "designs/wall-push.json")
     flight = ts.fly(made, only=("return from +x", "load case 0 (push), wall"), wake=False, out=tmp_path)

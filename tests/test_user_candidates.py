@@ -123,7 +123,7 @@ def test_a_design_to_start_from_is_one_more_start(hover, tmp_path):
     assert again.design.objective <= known.design.objective * (1 + 1e-6)
     file = tmp_path / "design.json"
     file.write_text(to_json(known.design))
-    options = ["--modules", "3", "--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--near", str(file)]
+    options = ["--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--near", str(file)]
     assert '"starts": 2' in invoke("solve", "push", "--topology", "a500", *options, "--json").output
 
 
@@ -135,7 +135,7 @@ def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
     assert search(hover, **given, near=[known]).best == answer.best
     with pytest.raises(BadInput, match="a run with other near"):
         search(hover, **given)
-    with pytest.raises(BadInput, match=r"near: \[0\]: must be a Design, but got str"):
+    with pytest.raises(BadInput, match=r"near: \[0\]: must be of the type Design, but got str"):
         search(hover, **{**given, "out": tmp_path / "other"}, near=["design.json"])
 
 
@@ -210,7 +210,7 @@ def test_a_sampler_without_a_name_or_a_function_is_refused(fields, words):
     [
         ("zz", "topology: a topology key starts with"),
         (5, "topology: must be a Topology, a key or a networkx graph, but got int"),
-        ("a10", "near: must be a list of designs, but got str"),
+        ("a10", r"near: \[0\]: must be of the type Design, but got str"),
     ],
 )
 def test_a_wrong_tree_or_start_of_a_single_solve_is_named(hover, topology, words):

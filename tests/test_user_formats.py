@@ -71,23 +71,9 @@ def test_a_format_that_cannot_be_registered_is_refused(own, words):
         register_format(own)
 
 
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"write": 5}, "write must be a function of a design, but got 5"),
-        ({"suffixes": ".own"}, "suffixes must be a tuple of texts, but got '.own'"),
-    ],
-)
-def test_a_format_that_is_none_is_refused(fields, words):
-    with pytest.raises(ValueError, match=words):
-        OwnFormat(**{"name": "own", "write": str, **fields})
+def test_a_format_that_is_none_is_refused():
     with pytest.raises(ValueError, match="must be an OwnFormat, but got type"):
         register_format(str)
-
-
-def test_what_is_no_design_is_not_exported(tmp_path):
-    with pytest.raises(BadInput, match="design: must be a Design, but got str"):
-        export_design("design.json", tmp_path / "design.svg")
 
 
 def fails(design):

@@ -192,18 +192,11 @@ def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint
 
 def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, largest: int) -> list[Item]:
     """Return the items of a list; BadInput if there are more than `largest`, or items of another type."""
-    if isinstance(values, kind | str) or not isinstance(values, Iterable):
-        value = f"one {kind.__name__}: write it in brackets" if isinstance(values, kind) else type(values).__name__
-        raise BadInput(name, f"must be a list of {plural}, but got {value}")
     items = list(islice(values, largest + 1))
     if len(items) > largest:
         raise BadInput(name, f"must be at most {largest:,} {plural}, but got more")
-    article = "an" if kind.__name__.startswith(tuple("AEIOU")) else "a"
-    if faults := [
-        Fault(f"[{k}]", f"must be {article} {kind.__name__}, but got {type(item).__name__}")
-        for k, item in enumerate(items)
-        if not isinstance(item, kind)
-    ]:
+    wrong = ((k, type(item).__name__) for k, item in enumerate(items) if not isinstance(item, kind))
+    if faults := [Fault(f"[{k}]", f"must be of the type {kind.__name__}, but got {got}") for k, got in wrong]:
         raise BadInput(name, faults)
     return items
 

@@ -307,9 +307,6 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
         design: the design.
         audited: its audit; with it the figure also shows the closest pair and the rod.
 
-    Raises:
-        BadInput: `design` is not a Design.
-
     Example:
         >>> from topo_search import plot_platform, read_answer
         >>> figure = plot_platform(read_answer("hover-2").design)
@@ -319,8 +316,6 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
     from topo_search.export.poses import poses_to_draw
     from topo_search.report.scene import closest, figure
 
-    if not isinstance(design, Design):
-        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
     return figure(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
 
 
@@ -335,16 +330,11 @@ def view(design: Design, audited: Audit | None = None) -> View:
         design: the design.
         audited: its audit; None: audit it.
 
-    Raises:
-        BadInput: `design` is not a Design.
-
     Example:
         >>> from topo_search import read_answer, view
         >>> view(read_answer("hover-2").design)
         <3-D view of push: 2 modules, a10>
     """
-    if not isinstance(design, Design):
-        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
     return View.of(design, audited or audit(design))
 
 

@@ -2,7 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -72,17 +73,14 @@ def kit(
         runs.append(Path(task))
         choices.append(_read_choices(runs[-1], within))
     _require_same_module(runs, choices)
-    reasons = dict[float, str]()
     for design in (designs[0] for designs in choices):
         least = min((b - a for a, b in pairwise(design.task.search.hinge_set_deg or ())), default=math.inf)
         if tolerance_deg >= least:
             rule = f"must be below {least:g}, by which hinge angles of {design.task.name} differ"
             raise BadInput("--bracket-tolerance", f"{rule}, but got {tolerance_deg:g}")
     if tolerance_deg:
-        choices, reasons = share_brackets(choices, tolerance_deg, within)
+        choices = share_brackets(choices, tolerance_deg, within)
     chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
-    for text in reasons_apart(chosen, reasons, tolerance_deg):
-        note(text)
     shared, clearances = _describe(runs, choices, chosen, within), list[str]()
     for design in chosen:
         brackets, are_clear = brackets_note(design)
@@ -105,10 +103,8 @@ def kit(
     return shared
 
 
-def share_brackets(
-    choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float
-) -> tuple[list[list[Design]], dict[float, str]]:
-    """Return the choices, with clear designs for shared brackets in addition, and why sizes of angles have none.
+def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float) -> list[list[Design]]:
+    """Return the choices, with clear designs for shared brackets in addition.
 
     Sizes of angles are grouped from the smallest up, in groups no wider than the tolerance, and replaced by the
     middle of their group. Root orientation, end-effector and inputs are solved again.
@@ -120,35 +116,18 @@ def share_brackets(
         if next_size - group[0] > tolerance_deg:
             shared |= dict.fromkeys(group, round((group[0] + group[-1]) / 2, DIGITS))
             group = []
-    result, reasons = [], dict[float, str]()
+    result = []
     for designs in choices:
         clear, largest = list[Design](), (1 + within / 100) * designs[0].objective
         for design in designs:
-            moved_sizes = {size: shared[size] for size in count_kinds(design) if shared[size] != size}
-            if not moved_sizes:
-                continue
             angles = {shared[size] for size in count_kinds(design)}
-            try:
+            if angles == set(count_kinds(design)):
+                continue
+            with suppress(NotClear):
                 moved, _ = move_hinges(design, hinge_angles_deg=tuple(angles))
-                if moved.objective > largest:
-                    excess = 100 * (moved.objective / designs[0].objective - 1)
-                    raise NotClear(f"the effort is {excess:.3g} % above the least, more than {within:g} %")
-                clear.append(moved)
-            except NotClear as error:
-                for size, middle in moved_sizes.items():
-                    reasons.setdefault(size, f"with {middle:g} deg in {design.task.name}, {error}")
+                clear += [moved] if moved.objective <= largest else []
         result.append(sorted((*designs, *clear), key=lambda design: design.objective))
-    return result, reasons
-
-
-def reasons_apart(chosen: Sequence[Design], reasons: Mapping[float, str], tolerance_deg: float) -> Iterator[str]:
-    """Yield why two brackets of a kit that agree within the tolerance are not one."""
-    sizes = sorted({size for design in chosen for size in count_kinds(design)})
-    for low, high in pairwise(sizes):
-        if high - low <= tolerance_deg:
-            other = "each is in the range of another bracket"
-            reason = reasons.get(low, reasons.get(high, other))
-            yield f"brackets of {low:g} and {high:g} deg stay apart: {reason}"
+    return result
 
 
 def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:

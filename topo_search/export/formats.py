@@ -150,10 +150,6 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
         >>> print(export_design(read_design("hover-2/best.json"), "hover-2.urdf"))
         hover-2.urdf
     """
-    from topo_search.model import BadInput, Design
-
-    if not isinstance(design, Design):
-        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
     path = Path(out)
     known = {name: file_format for name, file_format in formats().items() if file_format.reads == "design"}
     write(choose(format, path, known), design, path)

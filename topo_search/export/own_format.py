@@ -25,10 +25,3 @@ class OwnFormat:
     """File name suffixes of this format, such as `.step`."""
     says: str = ""
     """Short description for `export --help`."""
-
-    def __post_init__(self) -> None:
-        """Check the types of the fields; ValueError names the rule and the value."""
-        if not callable(self.write):
-            raise ValueError(f"write must be a function of a design, but got {self.write!r}")
-        if not isinstance(self.suffixes, tuple) or not all(isinstance(suffix, str) for suffix in self.suffixes):
-            raise ValueError(f"suffixes must be a tuple of texts, but got {self.suffixes!r}")
