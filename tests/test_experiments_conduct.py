@@ -191,8 +191,6 @@ def test_a_folder_of_other_conditions_is_refused_by_their_name_and_left_as_it_is
     refused("has rows with starts 2, not 7", starts=7)
     refused('has rows with experiment "scaling", not "ablation"', name="ablation")
     assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
-    (tmp_path / "about.json").unlink()
-    refused("but no about.json")
 
 
 def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch):

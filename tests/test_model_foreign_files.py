@@ -107,12 +107,6 @@ def test_the_first_byte_that_is_no_text_is_told(tmp_path: Path) -> None:
     assert refusal(_task, tmp_path / "in.toml") == "must be UTF-8 text, but got the byte 0xfc at offset 8"
 
 
-def test_a_pointer_of_git_lfs_is_told(tmp_path: Path) -> None:
-    for read, name, _ in READERS.values():
-        (tmp_path / name).write_text("version https://git-lfs.github.com/spec/v1\noid sha256:5e\nsize 9\n")
-        assert "pointer of Git LFS: `git lfs pull` fetches the file" in refusal(read, tmp_path / name)
-
-
 def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
     task = tmp_path / "task.toml"
     for form in (TASK, FRAME):

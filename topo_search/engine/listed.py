@@ -1,4 +1,4 @@
-"""A user's list of topologies as candidates of a search."""
+"""Candidates of a search other than all trees: a user's list, and flat lattices."""
 
 from collections.abc import Iterator, Sequence
 from itertools import repeat
@@ -7,6 +7,7 @@ from random import Random
 from topo_search.engine.strategy import Candidates
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import Candidate
+from topo_search.topologies.lattices import Lattices
 
 
 class ListedCandidates(Candidates):
@@ -35,3 +36,7 @@ class ListedCandidates(Candidates):
         """Yield an endless series of candidates, drawn independently and uniformly."""
         random = Random(seed)
         return (Topology.from_key(random.choices(self.keys)[0]) for _ in repeat(None))
+
+
+class LatticeCandidates(Lattices, Candidates):
+    """The flat lattices for a task."""

@@ -98,10 +98,6 @@ class Settings:
     time_limit: float = 600.0
     """CPU time per cell after which no further start begins, if the first design ends a cell [s]."""
 
-    def as_json(self) -> dict[str, Any]:
-        """Return these settings as a JSON value."""
-        return asdict(self) | {"tasks": dict(self.tasks)}
-
     def as_options(self) -> str:
         """Return the command-line options for these settings."""
         options = [f"--task {name}:{_join(sizes)}" for name, sizes in self.tasks]
@@ -277,7 +273,7 @@ def open_record(
         "version": 1,
         "experiment": name,
         "command": command,
-        "settings": json.loads(json.dumps(settings.as_json())),
+        "settings": json.loads(json.dumps(asdict(settings) | {"tasks": dict(settings.tasks)})),
         "versions": installed_versions(),
     }
     make_folder(out)
@@ -288,8 +284,6 @@ def open_record(
                 if held.get(condition) != value:
                     what = f"has rows with {condition} {show(held.get(condition))}, not {show(value)}"
                     raise refusal(out, what)
-        elif (out / RESULTS).exists():
-            raise refusal(out, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
         else:
             machine = {  # measured times depend on it
                 "date": datetime.now(UTC).strftime("%Y-%m-%d"),
@@ -300,8 +294,6 @@ def open_record(
             write_atomically(out / ABOUT, f"{json.dumps(about | machine, indent=1)}\n")
         text = load_text(out / RESULTS, most_bytes=LIMITS.result_bytes) if (out / RESULTS).exists() else ""
         text = text[: text.rfind("\n") + 1]  # without a row that was cut off by a kill
-        if text and tuple(text.partition("\n")[0].split(",")) != COLUMNS:
-            raise refusal(out, f"has a {RESULTS} with other columns")
         with (out / RESULTS).open("a", encoding="utf-8", newline="") as stream:
             stream.truncate(len(text.encode()))
             writer = csv.DictWriter(stream, COLUMNS, lineterminator="\n")

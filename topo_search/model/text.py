@@ -31,7 +31,7 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
         most_bytes: largest size that is read.
 
     Raises:
-        NotReadable: not a regular file, too large, or a pointer of Git LFS.
+        NotReadable: not a regular file, or too large.
         FileNotFoundError: there is no such file.
         OSError: the file cannot be opened or read.
     """
@@ -41,10 +41,7 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
         raise NotReadable(f"must be a regular file, but is {kind}")
     if status.st_size > most_bytes:
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}")
-    content = Path(path).read_bytes()
-    if content.startswith(b"version https://git-lfs"):
-        raise NotReadable("must be the file itself, but is a pointer of Git LFS: `git lfs pull` fetches the file")
-    return content
+    return Path(path).read_bytes()
 
 
 def decode(content: bytes, encoding: str = "utf-8") -> str:

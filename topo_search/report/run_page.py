@@ -79,7 +79,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "tiles": tiles,
         "notes": (
             *_user_inputs(request.user_inputs),
-            *_merge_note(answer.sizes),
+            *map(sentence, dict.fromkeys(size.quotient for size in answer.sizes)),
             *(note for size in answer.sizes for note in _size_notes(size, shown)),
         ),
         "bound": (
@@ -137,15 +137,6 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     held = "" if answer.ability is None else f"{answer.ability} and "
     return f"{smallest}{shown.key} {held}is {size.statement}."
-
-
-def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
-    """Yield notes on which trees were merged as equivalent; sizes with the same note share it."""
-    sizes_by_note: dict[str, list[str]] = {}
-    for size in sizes:
-        sizes_by_note.setdefault(size.quotient, []).append(str(size.modules))
-    for quotient, numbers in sizes_by_note.items():
-        yield sentence(f"{', '.join(numbers)} modules: {quotient}" if len(sizes_by_note) > 1 else quotient)
 
 
 def _size_notes(size: SizeAnswer, shown: Row | None) -> list[str]:

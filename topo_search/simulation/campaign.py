@@ -234,16 +234,8 @@ def _as_hover(name: str) -> ScenarioResult:
 def _require_hover(design: Design, model: Nominal) -> None:
     residual, _ = hover_residual(model)
     if residual > HOVER_TOLERANCE:
-        without_rod = nominal(design, rod_mass=False)
-        rod = model.mass - without_rod.mass
-        cause = (
-            f"; the cause is the rod of the end-effector: without its mass, {rod:.4g} kg or "
-            f"{100 * rod / without_rod.mass:.3g} % of the rest, which the search and the audit leave out, it hovers"
-            if hover_residual(without_rod)[0] <= HOVER_TOLERANCE
-            else ""
-        )
         rule = (
             f"cannot hover in the attitude of its task: rotors within their limits leave {100 * residual:.3g} % of "
-            f"the weight, or of arm length times weight, unbalanced{cause}; nothing was flown"
+            "the weight, or of arm length times weight, unbalanced, with the mass of the rod; nothing was flown"
         )
         raise BadInput(design.task.name, [Fault("", rule)])
