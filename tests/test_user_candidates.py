@@ -195,9 +195,8 @@ def test_a_wrong_sampler_is_named(hover, tmp_path, sampler, error, words):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"name": ""}, 'name: must not be empty, but got ""$'),
-        ({"make": 5}, "make must be a function that returns a sampler for a seed, but got 5"),
-        ({"version": 1}, "version: must be a text, but got 1$"),
+        ({"name": ""}, "name\n.*at least 1 character"),
+        ({"version": 1}, "version\n.*valid string"),
     ],
 )
 def test_a_sampler_without_a_name_or_a_function_is_refused(fields, words):

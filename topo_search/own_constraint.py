@@ -13,12 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from pydantic import ValidationError
-
 from topo_search.model import Mount, ResolvedTask, Topology
 from topo_search.model.features import Stated
 from topo_search.model.folds import FOLD
-from topo_search.model.value import faults_of
 
 Expression = Any
 """`casadi.SX`: symbolic expression."""
@@ -76,14 +73,6 @@ It returns an expression or a column of them, twice differentiable wherever desi
 """
 
 
-def require_stated(extension: Any) -> None:
-    """Check that files can store the record of an extension; ValueError names the fields and rules otherwise."""
-    try:
-        _ = extension.stated
-    except ValidationError as error:
-        raise ValueError("; ".join(map(str, faults_of(error, Stated)))) from None
-
-
 @dataclass(frozen=True)
 class OwnConstraint:
     """Your own constraint: `lower <= expression(platform) <= upper`, enforced by Ipopt.
@@ -117,15 +106,13 @@ class OwnConstraint:
 
     def __post_init__(self) -> None:
         """Check the fields; ValueError names the rule and the value."""
-        if not callable(self.expression):
-            raise ValueError(f"expression must be a function of a SymbolicPlatform, but got {self.expression!r}")
         if not self.lower <= self.upper:
             raise ValueError(f"`lower <= upper` must hold, but got lower={self.lower}, upper={self.upper}")
         if not (math.isfinite(self.lower) or math.isfinite(self.upper)):
             raise ValueError(f"lower or upper must be a number, but got {self.lower} and {self.upper}")
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"`0 < scale < inf` must hold, but got {self.scale}")
-        require_stated(self)
+        _ = self.stated  # which checks name, version and unit
 
     @property
     def stated(self) -> Stated:

@@ -12,7 +12,6 @@ from typing import Protocol, runtime_checkable
 from topo_search.engine.strategy import Candidates, SamplerFactory, Tried
 from topo_search.model import Topology
 from topo_search.model.stated import Versioned
-from topo_search.own_constraint import require_stated
 
 
 @runtime_checkable
@@ -45,10 +44,8 @@ class OwnSampler:
     """Change it when its proposals change. A run with an unversioned sampler is not resumed."""
 
     def __post_init__(self) -> None:
-        """Check the fields; ValueError names the rule and the value."""
-        if not callable(self.make):
-            raise ValueError(f"make must be a function that returns a sampler for a seed, but got {self.make!r}")
-        require_stated(self)
+        """Check name and version; ValueError names the rule and the value."""
+        _ = self.stated  # which checks both
 
     @property
     def stated(self) -> Versioned:
