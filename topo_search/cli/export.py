@@ -123,22 +123,17 @@ def export(
                 note(f"nothing is written: {error}")
                 raise SystemExit(1) from None
         options.echo_lines(notes)
-        if audited.verdict != ts.Status.CLEAR and chosen.name == "kit":
-            brackets, are_clear = brackets_note(design)
-            for text in (*broken_lines(audited), *(() if are_clear else (brackets,))):
+        brackets, are_clear = brackets_note(design) if chosen.name in ("kit", "sheet") else ("", True)
+        verdict = "" if audited.verdict == ts.Status.CLEAR else f": the audit of this design is {audited.verdict}"
+        if not are_clear:
+            note(brackets)
+        if chosen.name == "kit" and (verdict or not are_clear):
+            for text in (*broken_lines(audited), f"nothing is written{verdict}"):
                 note(text)
-            note(f"nothing is written: the audit of this design is {audited.verdict}")
             raise SystemExit(1)
-        if audited.verdict != ts.Status.CLEAR:
-            note(f"warning: the audit of this design is {audited.verdict}: {audited.failure(design.task)}")
-        if chosen.name in ("kit", "sheet"):
-            brackets, are_clear = brackets_note(design)
-            notes += (brackets,)
-            if not are_clear:
-                note(brackets)
-                if chosen.name == "kit":
-                    note("nothing is written")
-                    raise SystemExit(1)
+        if verdict:
+            note(f"warning{verdict}: {audited.failure(design.task)}")
+        notes += (brackets,) * bool(brackets)
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if chosen.reads == "folder":
             _write_folder(design, chosen.name, out, notes, physics)
