@@ -84,7 +84,7 @@ def fails(design):
     ("own", "words"),
     [
         (OwnFormat("fails", fails), "fails: needs two modules"),
-        (OwnFormat("empty", lambda design: b""), "empty: must write text or bytes, but wrote nothing"),
+        (OwnFormat("none", lambda design: None), "none: cannot write a70010: AttributeError"),
         (OwnFormat("broken", lambda design: design.nothing), "broken: cannot write a70010: AttributeError"),
     ],
 )

@@ -90,8 +90,6 @@ def export(
     from topo_search.export.kit import require_kit_folder
     from topo_search.export.mjcf import Physics
 
-    if out.is_dir() and kind not in ("kit", "brackets"):
-        raise ts.BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
     chosen = choose(kind, out, known := formats())
     context = click.get_current_context()
     for parameter in context.command.params:

@@ -99,11 +99,9 @@ def _outcome(scenario: ScenarioResult) -> str:
 
 def _lines(result: FlightResult) -> Iterator[str]:
     """Yield a table of the scenarios, and the outcome of all that count."""
+    from topo_search.cli.tables import table_lines
     from topo_search.simulation.result import CELLS, word
 
-    head = ("scenario", "outcome", *CELLS[:-1], "largest")
-    rows = [head, *((scenario.name, _outcome(scenario), *scenario.cells) for scenario in result.scenarios)]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
-    for row in rows:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+    rows = ((scenario.name, _outcome(scenario), *scenario.cells) for scenario in result.scenarios)
+    yield from table_lines(("scenario", "outcome", *CELLS[:-1], "largest"), rows)
     yield f"in simulation: {word(result)}"

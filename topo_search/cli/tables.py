@@ -20,7 +20,7 @@ NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of a line about a design without such a rod."""
 
 
-TEXTS = ("figure", "key", "tree", "audit", "run", "error", "first violation", "case")
+TEXTS = ("figure", "key", "tree", "audit", "run", "error", "first violation", "case", "scenario", "outcome")
 """Columns of text, which are left-aligned."""
 
 

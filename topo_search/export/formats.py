@@ -179,9 +179,6 @@ def write(file_format: Format, source: Any, out: Path, **options: Any) -> None:
         options["suffix"] = out.suffix.lower()
     try:
         written = writer(source, **options)
-        if not isinstance(written, str | bytes) or not written:
-            kind = type(written).__name__ if written else "nothing"
-            raise ValueError(f"must write text or bytes, but wrote {kind}")
         content = written if isinstance(written, bytes) else written.encode()
     except ValueError as error:
         raise BadInput(file_format.name, str(error)) from error
