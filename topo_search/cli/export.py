@@ -183,12 +183,11 @@ def _table(source: str, name: str) -> pd.DataFrame | Assembly:
 
 def _audit_of(source: str) -> ts.Audit:
     """Return the audit in a file, or audit the design in it."""
-    from topo_search.cli.runs import AUDIT_FORMAT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
-    from topo_search.model.files import format_of, load_json
+    from topo_search.model.files import is_audit, load_json
 
-    if format_of(load_json(source)) == AUDIT_FORMAT:
+    if is_audit(load_json(source)):
         return ts.read_json(ts.Audit, source)
     (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):

@@ -198,10 +198,6 @@ def audit(
         raise SystemExit(1)
 
 
-AUDIT_FORMAT = "topo-search/audit"
-"""Value of `format` in the file of an audit."""
-
-
 def _read_designs(
     sources: Sequence[str], read: Callable[[Any, str], Any]
 ) -> tuple[list[tuple[str, Any]], int, int]:
@@ -210,7 +206,7 @@ def _read_designs(
     A folder stands for all `*.json` below it, sorted; audits that a run keeps beside its designs are skipped.
     A symbolic link to a folder is followed only if it is one of the arguments.
     """
-    from topo_search.model.files import format_of, load_json
+    from topo_search.model.files import is_audit, load_json
     from topo_search.model.value import to_printable
 
     loaded = list[tuple[str, Any]]()
@@ -223,7 +219,7 @@ def _read_designs(
                 if fault is not None:
                     raise ts.BadInput(name, fault)
                 data = load_json(path, most_bytes=LIMITS.design_bytes)
-                if in_folder and format_of(data) == AUDIT_FORMAT:
+                if in_folder and is_audit(data):
                     skipped += 1
                 else:
                     loaded.append((name, read(data, name)))

@@ -10,6 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
+from topo_search.model.audit import Audit
 from topo_search.model.design import Design, Geometry
 from topo_search.model.task import Task
 from topo_search.model.text import Folder, NotReadable, json_data, read_text
@@ -51,10 +52,9 @@ def to_geometry(data: Any, source: str) -> Geometry:
     return validate(Geometry if no_inputs else Design, data, source)
 
 
-def format_of(data: Any) -> str | None:
-    """Return the `format` field of a JSON file's data, if it has one."""
-    format_ = data.get("format") if isinstance(data, dict) else None
-    return format_ if isinstance(format_, str) else None
+def is_audit(data: Any) -> bool:
+    """True if a JSON file's data are those of an audit."""
+    return isinstance(data, dict) and data.get("format") == Audit.model_fields["format"].default
 
 
 def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any:

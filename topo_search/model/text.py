@@ -44,18 +44,17 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
     return Path(path).read_bytes()
 
 
-def decode(content: bytes, encoding: str = "utf-8") -> str:
-    """Return the text of a file; NotReadable names the first invalid byte."""
-    try:
-        return content.decode(encoding)
-    except UnicodeDecodeError as error:
-        i = error.start + len(content) - len(error.object)  # a codec drops the byte order mark
-        raise NotReadable(f"must be UTF-8 text, but got the byte {content[i]:#04x} at offset {i}") from None
-
-
 def read_text(path: str | Path, *, most_bytes: int) -> str:
-    """Return the text of a regular file, without a byte order mark; see `read_regular`."""
-    return decode(read_regular(path, most_bytes=most_bytes), "utf-8-sig")
+    """Return the text of a regular file, without a byte order mark; see `read_regular`.
+
+    NotReadable also names the first byte that is no text.
+    """
+    content = read_regular(path, most_bytes=most_bytes)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        i = error.start + len(content) - len(error.object)  # the codec drops the byte order mark
+        raise NotReadable(f"must be UTF-8 text, but got the byte {content[i]:#04x} at offset {i}") from None
 
 
 def toml_data(text: str) -> dict[str, Any]:

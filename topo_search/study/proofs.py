@@ -190,7 +190,9 @@ def add_proofs(folder: RunFolder, size: SizeAnswer) -> SizeAnswer:
     unproven = [key for key, state in states.items() if state.proof in ("open", None)]
     unfinished = unfinished_proofs(folder, n)
     latest, incomplete = {**proofs, **unfinished}, (*unproven, *unfinished)
-    stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best)]
+    # with a chunk that cannot be closed even at the lowest level that its gap allows
+    open_proofs = {key: latest[key] for key in incomplete if key in latest and latest[key].open_at is not None}
+    stuck = [key for key, proof in open_proofs.items() if proof.level <= floor_of(proof.task, best, proof.gap)]
     resumable = tuple(key for key in incomplete if key not in stuck)
     if unproven or unsolved:
         sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven for the size while some are open"
@@ -261,11 +263,6 @@ def sizes_with_best(folder: RunFolder, key: str | None) -> list[tuple[int, Row, 
     if not sizes:
         raise BadInput(str(folder.path), "has no audited design to prove against")
     return sizes
-
-
-def is_stuck(proof: Proof, best: Row) -> bool:
-    """True if a proof has a chunk that cannot be closed even at the lowest level that its gap allows."""
-    return proof.open_at is not None and proof.level <= floor_of(proof.task, best, proof.gap)
 
 
 def problem(task: ResolvedTask, about: Problem) -> str:
