@@ -337,6 +337,9 @@ class Workers(Engine):
         if self._pool is None:
             from pebble import ProcessPool  # slow to import, and many commands start no worker
 
+            if current_process().daemon:
+                advice = "start Dask workers with DASK_DISTRIBUTED__WORKER__DAEMON=False"
+                raise WorkersLost(f"a daemonic process may start no workers: {advice}")
             start: dict[str, Any] = {"initializer": prepare_child, "initargs": (os.getpid(),)}
             self._pool = ProcessPool(self.count, context=_Context(), **start)
             try:

@@ -55,15 +55,9 @@ class UserInputs(Value):
         inputs = self.model_dump(mode="json", include={"near", "constraints"})
         return {name: value for name, value in inputs.items() if value}
 
-    @property
-    def module_sensitive(self) -> str | None:
-        """Name of a constraint that may depend on module numbers."""
-        return next((constraint.name for constraint in self.constraints if constraint.invariant == "none"), None)
-
-    @property
-    def mirror_sensitive(self) -> str | None:
-        """Name of a constraint that may distinguish a platform from its mirror image."""
-        return next((constraint.name for constraint in self.constraints if constraint.invariant != "mirror"), None)
+    def sensitive(self, *invariances: str) -> str | None:
+        """Return the name of a constraint that has none of these invariances."""
+        return next((x.name for x in self.constraints if x.invariant not in invariances), None)
 
 
 NO_INPUTS = UserInputs()
@@ -256,7 +250,7 @@ class Request:
         if inputs.topologies is not None:
             keys = [key for key in inputs.topologies if len(key) - 1 == n]
             return ListedCandidates(task, keys), Resolution("c1", True, "every listed topology is a candidate")
-        by_number, by_mirror = inputs.module_sensitive, inputs.mirror_sensitive
+        by_number, by_mirror = inputs.sensitive("numbering", "mirror"), inputs.sensitive("mirror")
         flat = task.search.lattice is not None
         free = not task.search.root_ranges
         if self.symmetry == "task" and by_number is not None and not flat:
