@@ -18,8 +18,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from topo_search.cli import GROUPS
-from topo_search.compose.binding import proven_bound
-from topo_search.compose.referee import best_known
+from topo_search.compose.binding import BACKENDS
+from topo_search.compose.referee import best_known, tightest_bound
 from topo_search.limits import LIMITS, Limits
 from topo_search.model.largest_value import objective_of
 from topo_search.model.task_file import examples, read_task, task_template
@@ -109,7 +109,8 @@ def _benchmark() -> str:
         known = best_known(name, int(n))
         assert known is not None
         task, rated = read_task(name, (f"modules={n}",)).resolve(int(n)), objective_of(known.task)
-        bound = rated.claim(proven_bound(task.with_closures(len(known.topology.closures))))
+        closed_form = BACKENDS.lower_bound(task.with_closures(len(known.topology.closures)))
+        bound = rated.claim(tightest_bound(known, closed_form))
         rows.append(f"| `{name}` | {n} | {rated.words(known, 5)} | `{known.topology.key}` | {bound} |")
     return "\n".join(rows)
 

@@ -7,11 +7,13 @@ from typing import Any
 import pytest
 from commands import invoke
 
-from topo_search.compose.referee import best_known, judge
+from topo_search.compose.binding import BACKENDS
+from topo_search.compose.referee import best_known, judge, tightest_bound
 from topo_search.model.largest_value import objective_of
 from topo_search.model.task_file import read_task
 
 DESIGNS = Path(__file__).parent / "designs"
+BEST = Path(__file__).parents[1] / "topo_search/examples/best"
 FOREIGN = [
     "format",
     "version",
@@ -97,3 +99,19 @@ def test_shipped_designs_are_clear_and_have_the_number_that_they_state(name: str
     assert found.audit.verdict == "clear"
     assert rated.number(found.design) == pytest.approx(rated.number(known), rel=1e-6)
     assert not rated.breaks(found.design, found.bound)
+
+
+def test_best_known_designs_keep_the_bounds_of_branch_and_bound() -> None:
+    """No shipped design beats the bound that is shipped with it, which is no less than the one in closed form."""
+    for file in sorted(path.stem for path in BEST.glob("*.json")):
+        name, _, n = file.rpartition("-")
+        known = best_known(name, int(n))
+        assert known is not None
+        if known.lower_bound is not None:
+            task = read_task(name, (f"modules={n}",)).resolve(int(n))
+            closed_form = BACKENDS.lower_bound(task.with_closures(len(known.topology.closures)))
+            assert closed_form <= tightest_bound(known, closed_form) <= known.objective
+    wall_push = best_known("wall-push", 3)
+    assert wall_push is not None
+    assert wall_push.gap is not None
+    assert wall_push.gap < 0.06

@@ -71,8 +71,13 @@ def main() -> None:
         print(name, gallery[name], flush=True)
 
 
-def search_shipped(name: str) -> tuple[topo_search.Answer, Design, str]:
-    """Search a shipped task, and return the answer, its best design, and the options of the same command."""
+def search_shipped(name: str, gap: float | None = None) -> tuple[topo_search.Answer, Design, str]:
+    """Search a shipped task, and return the answer, its best design, and the options of the same command.
+
+    Args:
+        name: name of the task.
+        gap: relative gap to prove by branch and bound; None: no proof.
+    """
     task = read_task(name)
     strategy, options = dict[str, Any](), ""
     if not isinstance(task.modules, int):
@@ -81,7 +86,7 @@ def search_shipped(name: str) -> tuple[topo_search.Answer, Design, str]:
     elif task.modules > EXHAUSTIVE_UP_TO:
         strategy, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
     with tempfile.TemporaryDirectory() as folder:
-        answer = topo_search.search(task, out=Path(folder) / "run", **strategy)
+        answer = topo_search.search(task, out=Path(folder) / "run", prove=gap, **strategy)
         return answer, read_json(Design, Path(folder) / "run" / "best.json"), options
 
 

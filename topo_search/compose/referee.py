@@ -82,8 +82,13 @@ def judge(data: Any, source: str, name: str, task: Task) -> Judged:
     if (inputs := data.get("rotor_speeds_squared")) is not None:
         design = _with_inputs(design, inputs, source, name)
     design, _ = measure_reserve(design, design.task)
-    bound = BACKENDS.lower_bound(resolved)
-    return Judged(design, BACKENDS.audit(design), best_known(name, n), bound)
+    best, bound = best_known(name, n), BACKENDS.lower_bound(resolved)
+    return Judged(design, BACKENDS.audit(design), best, tightest_bound(best, bound))
+
+
+def tightest_bound(best: Design | None, bound: float) -> float:
+    """Return the bound in closed form, or the larger one that branch and bound proved for this size."""
+    return max(bound, best.lower_bound or 0.0) if best is not None and best.value is None else bound
 
 
 def _with_inputs(design: Design, inputs: Any, source: str, name: str) -> Design:
