@@ -12,9 +12,9 @@ from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
 from topo_search.report import headline as module
 from topo_search.report.design_page import design_page
-from topo_search.report.headline import Compared, cards, fragile_margins, headline, rows_with_cards
+from topo_search.report.headline import Compared, cards, headline, rows_with_cards
 from topo_search.report.page import render
-from topo_search.report.scene import closest
+from topo_search.report.wording import closest, fragile_margins
 from topo_search.study import RunFolder
 
 

@@ -10,8 +10,9 @@ from topo_search.model import Audit, Design, LoadCase, Status, Topology, Wrench
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
-from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
+from topo_search.report.scene import figure, meshes, ring, scene, shared_meshes, straight_arrow
 from topo_search.report.view import arrows, force_polytope, longest_arrow, metres_per_newton, view
+from topo_search.report.wording import closest
 from verify import audit
 from verify.kinematics import platform
 

@@ -10,10 +10,7 @@ from topo_search.export.audits import broken_lines, flight_lines, summary_lines
 from topo_search.model import LEAST_EFFORT, Audit, Design, Infeasible, LargestValue, Objective, Status, objective_of
 from topo_search.model.flying import DROPPED
 from topo_search.model.proven import NOT_CERTIFIED, at_most, gap_percent, lower_text, upper_text
-from topo_search.report.design_part import errors, power
-from topo_search.report.headline import fragile_margins
-from topo_search.report.run_page import front_designs, near_tie_table
-from topo_search.report.wording import modules, quantity
+from topo_search.report.wording import fragile_margins, modules, quantity
 from topo_search.study import Answer, Row, SizeAnswer, Solved
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
@@ -67,6 +64,8 @@ def _size(size: SizeAnswer) -> Iterator[str]:
         yield f"feasible trees, symmetric copies included: {size.feasible}"
         yield from _rows(size.top, size.objective)
     if len(size.near_ties) > 1:
+        from topo_search.report.run_page import near_tie_table  # slow to import, and few answers need it
+
         caption, ties = near_tie_table(size)
         yield caption
         yield from table_lines(*ties[:2])
@@ -103,6 +102,8 @@ def _front(answer: Answer) -> Iterator[str]:
             yield from (f"  {line}" for line in _remarks(size))
     if not answer.points:
         return
+    from topo_search.report.run_page import front_designs
+
     yield f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:"
     yield from table_lines(*front_designs(answer.points, answer.objective)[:2])
 
@@ -212,6 +213,8 @@ def audit_lines(name: str, audit: Audit, *, details: bool = False) -> Iterator[s
         yield f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}"
     yield from (f"  {line}" for line in summary_lines(audit))
     if details:
+        from topo_search.report.design_part import errors, power
+
         notes = [f"note: {excess.words}" for excess in audit.mesh_excess]
         tolerances = () if audit.tolerances_words is None else (audit.tolerances_words,)
         flight = () if audit.flight is None else flight_lines(audit.flight)

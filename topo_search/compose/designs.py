@@ -314,7 +314,8 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
         'Figure'
     """
     from topo_search.export.poses import poses_to_draw
-    from topo_search.report.scene import closest, figure
+    from topo_search.report.scene import figure
+    from topo_search.report.wording import closest
 
     return figure(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
 

@@ -2,8 +2,8 @@
 
 import math
 import time
-from collections.abc import Iterable
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -168,12 +168,15 @@ def search(
     def prove_best() -> Answer:
         return _prove(path, engine, listener, gap=prove, time_limit=deadline - time.monotonic())
 
-    from topo_search.report.live import serve_live
+    served: Callable[[Observer], AbstractContextManager[Observer]] = nullcontext
+    if live:
+        from topo_search.report.live import serve_live  # slow to import
 
+        served = partial(serve_live, path)
     with (
         visible_progress(observer) as shown,
         binding.open_engine(workers, dask, shown) as engine,
-        serve_live(path, shown) if live else nullcontext(shown) as listener,
+        served(shown) as listener,
     ):
         return run(
             request,

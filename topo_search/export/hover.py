@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
 from topo_search.model.arrays import Array
 
@@ -27,6 +26,8 @@ class Hover:
         """Return the largest multiple of a wrench about the COM, (6,), that can be added; inf for zero."""
         if not wrench.any():
             return math.inf
+        from scipy.optimize import linprog  # slow to load, and few commands need it
+
         N = self.B.shape[1]
         hover = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         scale = np.repeat([1.0, self.arm], 3) * self.weight

@@ -12,16 +12,26 @@ from markupsafe import Markup
 from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Audit, BadInput, Clearance, Design, Flight, Objective
+from topo_search.model import Audit, BadInput, Design, Flight, Objective
 from topo_search.model.flight import direction
-from topo_search.model.flying import find_missed
 from topo_search.model.largest_value import LargestValue, ability, objective_of
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report import Tile, json_in_script
-from topo_search.report.scene import closest
 from topo_search.report.view import view
-from topo_search.report.wording import clearance, figures, length, modules, rounded_down, rounded_up
+from topo_search.report.wording import (
+    FRAGILE_DEG,
+    FRAGILE_M,
+    clearance,
+    closest,
+    figures,
+    fragile_margins,
+    length,
+    modules,
+    proven_clearance,
+    rounded_down,
+    rounded_up,
+)
 from topo_search.study import Answer, Row, RunFolder
 from topo_search.study.columns import figures_of
 from topo_search.study.proofs import ProofState
@@ -33,29 +43,6 @@ def audit_summary(audit: Audit) -> str:
         return f"all {len(audit.pairs)} clearances proven, all {len(audit.residuals)} other checks passed"
     statuses = [*(pair.status for pair in audit.pairs), *(row.status for row in audit.residuals)]
     return f"{sum(status != 'clear' for status in statuses)} of {len(statuses)} checks are not clear"
-
-
-FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
-"""A clear design with a smaller clearance [m] or a smaller hinge tolerance [deg] is called fragile."""
-
-
-def fragile_margins(audit: Audit | None, design: Design | None = None) -> tuple[str, ...]:
-    """Return why a clear design is fragile: defaults that it misses, and margins too small to build it safely."""
-    if audit is None or audit.verdict != "clear":
-        return ()
-    hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
-    missed = () if design is None else find_missed(design, audit)
-    margins = [entry.words for entry in missed]
-    if (nearest := closest(audit)) is not None and _proven_clearance(nearest) < FRAGILE_M:
-        margins.append(f"smallest clearance {clearance(nearest)}")
-    is_told = any(entry.field == "tolerances.hinge_angle_deg" for entry in missed)
-    if hinge is not None and hinge < FRAGILE_DEG and not is_told:
-        margins.append(f"hinge tolerance {rounded_down(hinge, '°')}")
-    return tuple(margins)
-
-
-def _proven_clearance(pair: Clearance) -> float:
-    return pair.analytic_m if pair.lower_m is None else pair.lower_m  # older files only have the closed form
 
 
 def headline(
@@ -86,7 +73,7 @@ def headline(
     if nearest is not None:
         status = str(nearest.status)
         if status == "clear":
-            status = "fragile" * (_proven_clearance(nearest) < FRAGILE_M)
+            status = "fragile" * (proven_clearance(nearest) < FRAGILE_M)
         yield Tile("Smallest clearance", clearance(nearest), nearest.name, status)
     if flight is not None:
         yield from _side_force(flight)

@@ -7,13 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from topo_search.export import palette, solids
 from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
 from topo_search.export.solids import cylinder, join
-from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Audit, Clearance, Design, Module, Status
+from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Clearance, Design, Module, Status
 from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.mesh import Mesh, cone_sphere, revolve, rotation_to
 from topo_search.report import ON_ANY_PAGE
@@ -133,11 +131,6 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
     return drawn
 
 
-def closest(audit: Audit | None) -> Clearance | None:
-    """Return the smallest clearance of an audit; None if there is none."""
-    return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-
-
 def closest_words(nearest: Clearance) -> str:
     """Return the smallest clearance in words."""
     spare = " beyond the required distance" if nearest.kind in ("separation", "exclusion") else ""
@@ -253,6 +246,9 @@ def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) ->
 
 def triangles_of(mesh: Mesh) -> dict[str, list[float]]:
     """Return a mesh as JSON data for the page, with vertices duplicated at sharp edges."""
+    from scipy.sparse import coo_array  # slow to import, and pages without a view need none
+    from scipy.sparse.csgraph import connected_components
+
     first, second, third = mesh.triangles.transpose(1, 0, 2)
     normals = np.cross(second - first, third - first)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)

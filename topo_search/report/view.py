@@ -37,8 +37,8 @@ from topo_search.limits import vector as vector_text
 from topo_search.model import Array, Assembly, Audit, Design, Indices, LoadCase
 from topo_search.model.mesh import Mesh, rotation_to
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
-from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
+from topo_search.report.scene import NUMBERED, Part, ball, closest_words, ring, scene, straight_arrow
+from topo_search.report.wording import clearance, closest, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Bounds
 from verify.flight.vehicle import force_hull

@@ -1,4 +1,4 @@
-"""Numbers, counts, clearances and near ties as text, the same on pages and in the terminal.
+"""Numbers, counts, clearances, fragile margins and near ties as text, the same on pages and in the terminal.
 
 `--help` imports this module, so it must not import numerical libraries at the top.
 """
@@ -12,10 +12,12 @@ from topo_search.limits import length as length
 from topo_search.limits import quantity as quantity
 
 if TYPE_CHECKING:
-    from topo_search.model import Clearance
+    from topo_search.model import Audit, Clearance, Design
     from topo_search.model.objective import Objective
     from topo_search.study import Row
 
+FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
+"""A clear design with a smaller clearance [m] or a smaller hinge tolerance [deg] is called fragile."""
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 
 
@@ -48,6 +50,33 @@ def clearance(pair: Clearance) -> str:
     from topo_search.model.proven import at_least
 
     return length(at_least(pair.analytic_m, 3))
+
+
+def closest(audit: Audit | None) -> Clearance | None:
+    """Return the smallest clearance of an audit; None if there is none."""
+    return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
+
+
+def fragile_margins(audit: Audit | None, design: Design | None = None) -> tuple[str, ...]:
+    """Return why a clear design is fragile: defaults that it misses, and margins too small to build it safely."""
+    from topo_search.model.flying import find_missed
+
+    if audit is None or audit.verdict != "clear":
+        return ()
+    hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
+    missed = () if design is None else find_missed(design, audit)
+    margins = [entry.words for entry in missed]
+    if (nearest := closest(audit)) is not None and proven_clearance(nearest) < FRAGILE_M:
+        margins.append(f"smallest clearance {clearance(nearest)}")
+    is_told = any(entry.field == "tolerances.hinge_angle_deg" for entry in missed)
+    if hinge is not None and hinge < FRAGILE_DEG and not is_told:
+        margins.append(f"hinge tolerance {rounded_down(hinge, '°')}")
+    return tuple(margins)
+
+
+def proven_clearance(pair: Clearance) -> float:
+    """Return the lower bound of a clearance [m]."""
+    return pair.analytic_m if pair.lower_m is None else pair.lower_m  # older files only have the closed form
 
 
 def near_tie_columns(objective: Objective) -> tuple[str, ...]:
