@@ -137,7 +137,7 @@ def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: InputBo
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
     u_max = point.task.max_input
     columns, wrenches = np.ascontiguousarray((A * u_max / units[:, None]).T), b / units
-    smallest, shares = np.empty_like(u), np.tile(point.task.module.input_shares(point.task.gravity), point.task.n)
+    smallest, shares = np.empty_like(u), point.task.input_shares.ravel()
     least, is_uniform = point.task.min_input / u_max, bool(np.all(shares == 1))
     low, high = (least, 1.0) if is_uniform else (least * shares, shares)
     for k, w in enumerate(wrenches):

@@ -4,7 +4,7 @@ r"""Joint loads in the load cases of a task, and their limits as rows of a progr
 |---|---|---|---|
 | j, o_j | module outward of the joint; its centre from the COM | (3,) | l_arm |
 | c | connector at which the joint is cut, from the COM | (3,) | l_arm |
-| m_J, M | mass of a joint; of the platform | | m |
+| mu_j, m_J, M | mass of module j; of a joint; of the platform | | m |
 | a, w' | acceleration of the platform and its angular acceleration | (3,) | g, g / l_arm |
 | F_c, tau_c | force and torque of the joint on everything outward of it | (3,) | m g, l_arm m g |
 | L | limit of a load | | m g, l_arm m g |
@@ -14,8 +14,8 @@ a = f_C / M - e_z, w' = I^-1 tau_C. Newton's and Euler's equations for everythin
 
 .. math::
 
-    F_c = \sum_j (a + w' \times o_j + e_z) - s_j z_j, \qquad
-    \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (a + w' \times o_j + e_z - s_j z_j)
+    F_c = \sum_j \mu_j (a + w' \times o_j + e_z) - s_j z_j, \qquad
+    \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (\mu_j (a + w' \times o_j + e_z) - s_j z_j)
 
 plus the outward joints, which are point masses but do not include the cut one, and plus the end-effector with its
 reaction f_E, tau_E and the mass of its rod, if it is mounted outward. Both loads are linear in the inputs. A limit
@@ -35,7 +35,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.derived_rows import DerivedRows
-from nlp.numbers.geometry import Swept, clearance, force_map, torque_map
+from nlp.numbers.geometry import Swept, clearance, rotor_maps
 from nlp.numbers.masses import masses
 from nlp.numbers.point import Point, rod_path
 from nlp.problem import Variables
@@ -89,16 +89,19 @@ def holder(point: Point) -> int | None:
     It is the module of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod
     is clear of all airflow and of balls around the parts outside it: then the audit bolts the rod there, too.
     """
-    rod, cover = rod_of(point), part_cover(point.task.module)
+    rod, modules = rod_of(point), point.task.modules_of_nodes
     if rod is None:
         return None
     (R, p), radius, path, i = point.poses, point.task.end_effector.rod_radius, rod_path(point, rod), rod[0]
     start = point.tip - path
     fitting, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
     fitting[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch its module
-    balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
-    free_part = Swept(start + fitting * path, (1 - fitting) * path, radius)
-    clear = np.all(clearance(free_part, Swept(balls, np.zeros(3), 0.0)) > cover.radii)
+    clear = True
+    for module, R_j, p_j, share in zip(modules, R, p, fitting, strict=True):
+        balls = part_cover(module)
+        free_part = Swept(start + share * path, (1 - share) * path, radius)
+        centres = Swept(p_j + balls.centres @ R_j.T, np.zeros(3), 0.0)
+        clear &= bool(np.all(clearance(free_part, centres) > balls.radii))
     return i if clear and np.all(clearance(Swept(start, path, radius), point.envelopes) > 0) else None
 
 
@@ -194,19 +197,21 @@ def _vectors(
 
     A load is one vector, or if `tip_module` is None two, with the end-effector outward and inward of the joint.
     """
-    unit, module, carried = Units.of(task), task.module, masses(task.module, task.end_effector, topology)
-    l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
+    unit, module, carried = Units.of(task), task.module, masses(task, topology)
+    l_c, m_E = task.connector_distances / unit.length, task.end_effector.mass / module.mass
     variables = Variables.of(task, topology)
     modules, tip, p_COM = variables.platform(task, topology)
     o, q, up = [pose.p - p_COM for pose in modules], tip - p_COM, ca.DM([0, 0, 1])
-    joints = {i: o[h] + l_c * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
-    inertias = [module_inertia(pose.R, module) for pose in modules]
+    joints = {i: o[h] + l_c[h] * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
+    inertias = [
+        module_inertia(pose.R, own, module) for pose, own in zip(modules, task.modules_of_nodes, strict=True)
+    ]
+    weights = [own.mass / module.mass for own in task.modules_of_nodes]
     m_J, m_R = module.joint_mass / module.mass, carried.rod.mass
     inertia = platform_inertia(o, [pose.R for pose in modules], q, carried)
     d = rod_vector(o, [pose.R for pose in modules], q, carried.rod)
     r_R, spin_R = q - d / 2, rod_inertia(d, carried.rod)
-    forces, torques, outward = ca.DM(force_map(module)), ca.DM(torque_map(module)), _outward_modules(topology)
-    rotors = module.rotor_table.count
+    (forces, torques), outward, rotors = rotor_maps(task), _outward_modules(topology), task.rotors_per_module
     vectors = []
     for load in limited:
         case, c = task.load_cases[load.case], joints[load.child]
@@ -219,9 +224,9 @@ def _vectors(
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
         for j in outward[load.child]:
             u_j = variables.u[load.case][rotors * j : rotors * (j + 1)]
-            pull = a + ca.cross(spin, o[j]) + up - modules[j].R @ (forces @ u_j)
+            pull = weights[j] * (a + ca.cross(spin, o[j]) + up) - modules[j].R @ (ca.DM(forces[j]) @ u_j)
             force += pull
-            moment += inertias[j] @ spin - modules[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
+            moment += inertias[j] @ spin - modules[j].R @ (ca.DM(torques[j]) @ u_j) + ca.cross(o[j] - c, pull)
             if j != load.child:  # the cut joint belongs to the parent
                 pull = m_J * (a + ca.cross(spin, joints[j]) + up)
                 force += pull

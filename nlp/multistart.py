@@ -8,7 +8,7 @@ will do, and all starts descend at high prices from the first.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import NamedTuple
@@ -25,12 +25,10 @@ from nlp.reduced.descent import descend
 from nlp.reduced.search import FIRST, SECOND, SELECTION, STIFF, Descent, local_minima, merge, point_of
 from nlp.rows import UserConstraints
 from nlp.start_result import StartResult
-from nlp.starts.random_starts import generator
 from nlp.starts.reduced_starts import draw_starts, place_starts
-from nlp.starts.warm_start import warm_start
 from nlp.units import Units
 from topo_search.compiled_code import is_cached
-from topo_search.model import CorneredTask, Design, ResolvedTask, Topology
+from topo_search.model import CorneredTask, ResolvedTask, Topology
 from topo_search.model.topology import straight_chain
 
 DRAWS = 8
@@ -149,12 +147,10 @@ class ReducedSearch:
         best, stopped = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=enough)
         return _with_starts(best, starts), _with_starts(stopped, starts)
 
-    def minima_of_sources(self, near: Sequence[Design]) -> list[Descent]:
-        """Return the local minima reached from carried-over designs, as the starts -1, -2, ..."""
+    def minima_of_points(self, points: Mapping[int, Point]) -> list[Descent]:
+        """Return the local minima reached from points of designs carried over, by the index of their start."""
         minima = []
-        for start, source in zip(range(-1, -1 - len(near), -1), near, strict=True):
-            rng = generator(self._plain, self._topology, start, self._seed)
-            point = warm_start(self._plain, self._topology, source=source, rng=rng)
+        for start, point in points.items():
             best, _ = local_minima(self.problem, point.pack()[None, : len(self.problem.lower)])
             minima += [replace(minimum, starts=(start,)) for minimum in best]
         return minima
@@ -233,7 +229,9 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     if all(map(is_cached, (place_starts, descend, *chain.from_iterable(lazy_rows.values())))):
         return
     tell("compiling the solver (once per installation, about a minute)")
-    tree = straight_chain(task.n)
+    types = tuple(k for k, kind in enumerate(task.module_types) for _ in range(kind.count))
+    tree = replace(straight_chain(task.n), types=types)
+    task = task.on(tree)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draw_starts(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
@@ -247,7 +245,7 @@ def solve_starts(
     topology: Topology,
     starts: range,
     seed: int,
-    near: Sequence[Design],
+    carried: Mapping[int, Point],
     *,
     constraints: UserConstraints = (),
     most_effort: float | None = None,
@@ -259,12 +257,12 @@ def solve_starts(
         topology: the tree.
         starts: indices of the starts.
         seed: seeds them, with the task, the topology and the index.
-        near: designs to carry over, as the starts -1, -2, ...
+        carried: points of designs carried over, by the index of their start, -1, -2, ...
         constraints: the user's constraints; only the polish sees them, so more minima are polished.
         most_effort: effort up to which every distinct minimum is polished and returned [rad^4/s^4].
     """
     search = ReducedSearch(task, topology, seed, constraints, most_effort)
-    best = search.minima_of_sources(near)
+    best = search.minima_of_points(carried)
     if most_effort is not None:
         return list(search.polish(best + search.minima_of_starts(starts)[0]))
     stopped, asked = list[Descent](), task.search.reached is not None
@@ -282,7 +280,7 @@ def solve_starts(
         if unpolished := set(minimum.starts) - by_start.keys():
             result = search.without_polish(minimum)
             by_start |= {start: replace(result, start=start) for start in unpolished}
-    return [by_start[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
+    return [by_start[start] for start in (*carried, *starts)]
 
 
 def _with_starts(minima: list[Descent], starts: Sequence[int]) -> list[Descent]:

@@ -99,8 +99,9 @@ class Variables:
 
     def platform(self, task: ResolvedTask, topology: Topology) -> tuple[list[Pose], ca.SX, ca.SX]:
         """Return the poses of all modules, p'_E and p_COM."""
-        modules = poses(topology, self.root, self.alpha, task.module.connector_distance / Units.of(task).length)
-        return modules, *tip_and_com(task.module, task.end_effector, topology, modules, self.tip)
+        l_c = (task.connector_distances / Units.of(task).length).tolist()
+        modules = poses(topology, self.root, self.alpha, l_c)
+        return modules, *tip_and_com(task, topology, modules, self.tip)
 
     def vector(self) -> ca.SX:
         """Return all unknowns as one column."""
@@ -128,7 +129,7 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
         task: the task.
         topology: the tree.
     """
-    n, module, unit = topology.n, task.module, Units.of(task)
+    n, unit = topology.n, Units.of(task)
     variables, beta = Variables.of(task, topology), ca.SX.sym("beta")
 
     # the platform
@@ -144,9 +145,9 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     objective = effort / (task.rotor_count * sum(weights))
 
     # (2)-(3) wrench balance of every load case
-    carried = masses(module, task.end_effector, topology)
+    carried = masses(task, topology)
     J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], tip - p_COM, carried)
-    A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
+    A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], task)
     constraints: list[Constraint] = []
     turns = angular_accelerations(task)
     for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns, strict=True):

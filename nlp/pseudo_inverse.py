@@ -68,9 +68,9 @@ class _Reserve:
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
-        limits = np.tile(task.module.max_thrust_to_weight * task.module.input_shares(task.gravity), platform.n)
-        A: ca.SX = wrench_map(platform.orientations, [o / unit.length for o in platform.centres], task.module)
-        A = A @ ca.diag(ca.SX(ca.DM(limits)))
+        limits = task.module.max_thrust_to_weight * task.input_shares.ravel()
+        A: ca.SX = wrench_map(platform.orientations, [o / unit.length for o in platform.centres], task)
+        A = (A @ ca.diag(ca.SX(ca.DM(limits))))[:, np.flatnonzero(limits).tolist()]
         tip, com = self.case.at_end_effector, self.case.at_com
         levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(error, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
@@ -158,5 +158,5 @@ def _inertia(platform: SymbolicPlatform) -> ca.SX:
     """Return the inertia about the COM [kg m^2]."""
     task, l_arm = platform.task, platform.task.module.arm_length
     o, q = [o / l_arm for o in platform.centres], platform.end_effector / l_arm
-    carried = masses(task.module, task.end_effector, platform.topology)
+    carried = masses(task, platform.topology)
     return task.module.mass * l_arm**2 * platform_inertia(o, platform.orientations, q, carried)

@@ -170,8 +170,7 @@ class Solve:
         if len(common_subtrees(topology, source.topology)[0]) < max(topology.n, source.topology.n):
             return []
         plain = without_corners(task)
-        point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, self.seed))
-        point = correct(point, refit=True)
+        point = correct(self._carry_over(plain, source, start), refit=True)
         unchanged = judge(task, start, point, "carried over", constraints)
         if not unchanged.worst.met:
             return []
@@ -193,7 +192,8 @@ class Solve:
             from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
             options: dict[str, Any] = {"constraints": self.constraints, "most_effort": self.most_effort}
-            results = solve_starts(free, self.topology, self.starts, self.seed, self.near, **options)
+            carried = self._carried_points(free)
+            results = solve_starts(free, self.topology, self.starts, self.seed, carried, **options)
         if self.task.search.hinge_set_deg is None:
             return results
         from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
@@ -202,13 +202,18 @@ class Solve:
 
     def _solve_full_problem(self, task: ResolvedTask) -> list[StartResult]:
         """Return the results of Ipopt on the full problem, from untangled starts."""
-        plain, results = without_corners(task), []
-        origins: list[tuple[int, Callable[..., Point]]]
-        origins = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
-        for s, sample in [*origins, *((s, draw) for s in self.starts)]:
-            origin = sample(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
-            results.append(solve_lazily(task, s, origin, self.constraints, far=True))
-        return results
+        plain, topology = without_corners(task), self.topology
+        drawn = {s: draw(plain, topology, generator(plain, topology, s, self.seed)) for s in self.starts}
+        origins = {**self._carried_points(task), **drawn}
+        return [solve_lazily(task, s, origin, self.constraints, far=True) for s, origin in origins.items()]
+
+    def _carried_points(self, task: ResolvedTask) -> dict[int, Point]:
+        """Return a point of each design carried over, by the index of its start."""
+        plain = without_corners(task)
+        return {-1 - k: self._carry_over(plain, source, -1 - k) for k, source in enumerate(self.near)}
+
+    def _carry_over(self, plain: ResolvedTask, source: Design, start: int) -> Point:
+        return warm_start(plain, self.topology, source, generator(plain, self.topology, start, self.seed))
 
 
 def _best(results: Iterable[StartResult]) -> StartResult:
@@ -231,8 +236,8 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
     default_reach = task.declared.end_effector.model_copy(update={"largest_reach": None})
     narrower = task.declared.model_copy(update={"end_effector": default_reach})
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
-    nearest = np.linalg.norm(least_violated.tip - least_violated.poses[1], axis=1).min()
-    distance = min(nearest - task.module.connector_distance, allowed or np.inf)
+    from_centres = np.linalg.norm(least_violated.tip - least_violated.poses[1], axis=1)
+    distance = min((from_centres - task.connector_distances).min(), allowed or np.inf)
     return narrower if reach is not None and reach < distance else None
 
 

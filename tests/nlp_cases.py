@@ -259,7 +259,7 @@ def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generato
     p_E = rng.normal(size=3) * 5 * task.module.arm_length
     if task.end_effector.fixed_position is not None:
         p_E = fixed_end_effector(task, topology, root, alpha)
-    u = rng.uniform(0.0, task.max_input, (K, n, task.module.rotor_table.count))
+    u = rng.uniform(0.0, task.max_input, (K, n, task.rotors_per_module)) * (task.input_shares > 0)
     return Point(task, topology, root, alpha, p_E, u)
 
 

@@ -297,7 +297,7 @@ MODULES = (
     "topo_search.report.progress",
     "topo_search.report.task_warnings",
     "topo_search.study.answering",
-    "topo_search.topologies.family",
+    "topo_search.topologies.features",
     "verify.kinematics",
 )
 

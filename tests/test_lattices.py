@@ -66,7 +66,7 @@ def hovering(n: int, **search: Any) -> Task:
 def flag() -> Design:
     """A design of five modules, four of them in a cycle."""
     task = hovering(5).resolve(5)
-    design = BACKENDS.solve(Job(task, Topology.from_key(FLAG), range(2), 0))
+    design = BACKENDS.solve(Job(task, Topology.from_key(FLAG), range(4), 0))
     assert isinstance(design, Design)
     return design
 

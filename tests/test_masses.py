@@ -62,7 +62,7 @@ def test_the_centre_of_mass_with_joints_is_one_and_the_same_everywhere(n: int, p
     expected = (m * p.sum(axis=0) + m_E * point.tip + 0.04 * np.sum(joints, axis=0)) / m_t
     found = platform(as_design(point))
     assert task.total_mass(n) == pytest.approx(m_t, rel=1e-14)
-    assert m * masses(task.module, task.end_effector, topology).total == pytest.approx(m_t, rel=1e-14)
+    assert m * masses(task, topology).total == pytest.approx(m_t, rel=1e-14)
     np.testing.assert_allclose(found.p_com, expected, atol=1e-12)
     np.testing.assert_allclose(found.joints, np.reshape(joints, (-1, 3)) - expected, atol=1e-12)
     np.testing.assert_allclose(point.p_COM, expected, atol=1e-12)

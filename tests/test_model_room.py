@@ -37,6 +37,11 @@ from verify.requirements import Scene
 HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
 
 
+def both_sides(of, module, margin=0.0):
+    """Return what holds for a module bolted to another of its kind."""
+    return of(module, module, margin)
+
+
 def frame(rng, reach):
     """A few convex pieces of a module's own, as far from the centre as `reach` at most [m]."""
     pieces = []
@@ -110,7 +115,7 @@ def test_rotors_touch_where_the_angle_ends(a, b):
     for _ in range(8):
         body = {"rotor_radius": rng.uniform(0.07, 0.078), "rotor_height": rng.uniform(0.01, 0.1), "hub": [0.02] * 3}
         module = Module.model_validate({"body": body})
-        limit = largest_hinge_angle(module)
+        limit = both_sides(largest_hinge_angle, module)
         beta = math.atan2(module.body.rotor_height / 2, 0.15 - 0.1 / math.sqrt(2) - module.body.rotor_radius)
         assert limit == pytest.approx(min(math.pi / 2, math.pi - 2 * beta), rel=1e-12)
         if limit == math.pi / 2:
@@ -127,7 +132,7 @@ def test_within_the_angle_no_rotor_touches_anything(own_frame):
     for _ in range(50):
         body = random_body(rng, own_frame)
         margin = rng.choice([0.0, 1e-4, 2e-3])
-        limit = largest_hinge_angle(Module.model_validate({"body": body}), margin)
+        limit = both_sides(largest_hinge_angle, Module.model_validate({"body": body}), margin)
         if limit < 0:
             continue
         side = rng.choice([-1.0, 1.0])
@@ -146,12 +151,12 @@ def test_a_frame_that_ends_at_its_connectors_does_not_hold_hinges_back():
     struts = [trimesh.creation.box([0.3, 0.02, 0.02]), trimesh.creation.box([0.02, 0.3, 0.02])]
     pieces = [{"vertices": box.vertices.tolist(), "triangles": box.faces.tolist()} for box in struts]
     body = {"frame": pieces, "inertia": [1e-3, 1e-3, 2e-3]}
-    assert largest_hinge_angle(Module.model_validate({"body": body}), 1e-4) == math.pi / 2
+    assert both_sides(largest_hinge_angle, Module.model_validate({"body": body}), 1e-4) == math.pi / 2
     assert bolted(body, math.pi / 2).status == Status.CLEAR
 
 
 def test_a_frame_that_reaches_among_the_neighbours_rotors_leaves_no_angle():
-    assert largest_hinge_angle(Module.model_validate({"body": {"hub": [0.37, 0.37, 0.04]}})) < 0
+    assert both_sides(largest_hinge_angle, Module.model_validate({"body": {"hub": [0.37, 0.37, 0.04]}})) < 0
     assert bolted({"hub": [0.37, 0.37, 0.04]}, 0.0).status == Status.VIOLATED
 
 
@@ -176,7 +181,7 @@ def test_the_default_module_needs_balls_around_its_rotors_alone_and_any_hinge_an
     assert balls.radii == pytest.approx([math.hypot(0.05, 0.01)] * 4)
     assert np.linalg.norm(balls.centres, axis=1) == pytest.approx([0.1] * 4)
     for margin in (0.0, 1e-4, 1e-2):
-        assert airflow_folds(Module(), margin) == ((-RIGHT, RIGHT),)
+        assert both_sides(airflow_folds, Module(), margin) == ((-RIGHT, RIGHT),)
 
 
 @pytest.mark.parametrize("own_frame", [False, True])
@@ -217,7 +222,7 @@ def test_where_airflow_may_merge_the_default_module_needs_one_ball_more_around_i
 def test_within_the_folds_the_audit_finds_bolted_parts_clear_and_beyond_them_not(stated):
     """At every port, and with the child's ports turned; the ends are where the audit has its margin."""
     module = Module.model_validate(stated)
-    folds = airflow_folds(module, 1e-3)
+    folds = both_sides(airflow_folds, module, 1e-3)
     assert folds
     for low, high in folds:
         for phi, inside in (
@@ -246,14 +251,14 @@ def test_within_the_folds_the_audit_finds_bolted_parts_clear_and_beyond_them_not
 
 def test_folds_follow_the_margin_and_are_none_where_airflow_is_too_wide():
     module = Module.model_validate({"airflow": {"start_radius": 0.16}})
-    (wide,), (narrow,) = airflow_folds(module), airflow_folds(module, 5e-3)
+    (wide,), (narrow,) = both_sides(airflow_folds, module), both_sides(airflow_folds, module, 5e-3)
     assert wide[0] < narrow[0] < 0 < narrow[1] < wide[1] < RIGHT
-    assert airflow_folds(Module.model_validate({"airflow": {"start_radius": 0.3}})) == ()
+    assert both_sides(airflow_folds, Module.model_validate({"airflow": {"start_radius": 0.3}})) == ()
 
 
 def test_a_rotor_in_a_bolted_neighbours_airflow_is_violated():
     stated = {"module": {"airflow": {"start_radius": 0.16}}}
-    (fold,) = airflow_folds(Module.model_validate(stated["module"]))
+    (fold,) = both_sides(airflow_folds, Module.model_validate(stated["module"]))
     given = design(Topology(((-1, -1, -1), (0, 0, 2))), stated, hinges=(FOLD[0] * (fold[1] + 0.05),))
     rows = [pair for pair in audit(given).pairs if pair.kind == "rotor-airflow" and pair.status != Status.CLEAR]
     assert rows
@@ -306,7 +311,7 @@ def test_no_rotor_touches_anything_at_a_clear_fold(own_frame):
     rng, some, whole = np.random.default_rng(5), 0, 0
     for _ in range(6):
         given, margin = random_module(rng, own_frame), rng.choice([0.0, 1e-4, 5e-3])
-        folds = clear_folds(Module.model_validate(given), margin)
+        folds = both_sides(clear_folds, Module.model_validate(given), margin)
         some, whole = some + bool(folds), whole + (folds == ((-RIGHT, RIGHT),))
         for low, high in folds:
             for phi in (low, high, rng.uniform(low, high)):
@@ -320,7 +325,7 @@ def test_no_rotor_touches_anything_at_a_clear_fold(own_frame):
 )
 def test_no_angle_is_left_out_that_is_clear_by_two_millimetres(given):
     """The modules are the same from all ports and upside down: what one pair of ports shows, all do."""
-    folds = clear_folds(Module.model_validate(given), 1e-4)
+    folds = both_sides(clear_folds, Module.model_validate(given), 1e-4)
     assert folds == tuple((-high, -low) for low, high in reversed(folds))
     for phi in np.linspace(-RIGHT, RIGHT, 13):
         inside = any(low <= phi <= high for low, high in folds)
@@ -330,16 +335,20 @@ def test_no_angle_is_left_out_that_is_clear_by_two_millimetres(given):
 
 def test_folds_are_told_in_degrees_and_kept_to():
     flat, folded = (Module.model_validate(given) for given in (FLAT, FOLDED))
-    assert folds_text(clear_folds(flat), " deg") == "at most 90 deg"
-    assert folds_text(clear_folds(folded), " deg") == "26.6 to 90 deg"
+    assert folds_text(both_sides(clear_folds, flat), " deg") == "at most 90 deg"
+    assert folds_text(both_sides(clear_folds, folded), " deg") == "26.6 to 90 deg"
     assert says(folds_text(((-1.0, 0.5),), " deg"), "-57.2 to 28.6 deg", "positive")
     for low, high in ((0.1, 0.2), (0.30001, 0.30002), (-0.2, 0.31), (-0.44, 0.44)):
         folds = ((-high, -low), (low, high)) if low > 0 else ((low, high),)
         *first, last = (math.radians(float(number)) for number in re.findall(r"-?\d[\d.]*", folds_text(folds, "")))
         assert last <= high
         assert [low <= number < last for number in first] == [True] * (low != -high)
-    ((_, under), (over, _)) = clear_folds(folded)
-    assert nearest_fold(clear_folds(folded), np.array([-0.01, 0.02, 1.0])).tolist() == [under, over, 1.0]
+    ((_, under), (over, _)) = both_sides(clear_folds, folded)
+    assert nearest_fold(both_sides(clear_folds, folded), np.array([-0.01, 0.02, 1.0])).tolist() == [
+        under,
+        over,
+        1.0,
+    ]
 
 
 def test_rotors_wholly_beyond_the_hinge_are_no_proof_and_designs_have_them():
@@ -360,7 +369,7 @@ def test_rotors_across_the_hinge_touch_at_any_angle(across):
     given = module(0.3 / math.sqrt(2) + across)
     proof = prove_impossible(hover(2, module=given))
     assert proof.violation == pytest.approx(0.05 - abs(across))
-    assert clear_folds(Module.model_validate(given)) == ()
+    assert both_sides(clear_folds, Module.model_validate(given)) == ()
     assert all(clearance_of_parts(given, phi) < 0 for phi in np.linspace(-RIGHT, RIGHT, 5))
 
 

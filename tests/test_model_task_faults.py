@@ -237,7 +237,7 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
 def test_a_name_that_is_no_task_is_told_with_those_near_it() -> None:
     with pytest.raises(BadInput, match="psuh: no such file, nor a shipped example; did you mean `push`"):
         read_task("psuh")
-    with pytest.raises(BadInput, match="nor a shipped example; valid names are crazyflie, "):
+    with pytest.raises(BadInput, match="nor a shipped example; valid names are battery-module, "):
         read_task("zzz")
 
 

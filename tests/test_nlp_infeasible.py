@@ -52,7 +52,7 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
     )
     reasons = [
         max(violations(outcome.point), key=lambda check: check.scaled - check.tolerance)
-        for outcome in solve_starts(task, FIVE, starts=range(3), seed=0, near=())
+        for outcome in solve_starts(task, FIVE, starts=range(3), seed=0, carried={})
     ]
     closest = min(reasons, key=lambda check: check.scaled)
     assert (result.worst_constraint, result.unit) == (closest.name, closest.unit)
@@ -382,7 +382,7 @@ def test_the_audit_finds_the_violation_that_was_reported():
     task = hover(1, end_effector={"position": "com"})
     alone = Topology.from_key("a0")
     result = failed(task, alone, starts=1)
-    (outcome,) = solve_starts(task, alone, starts=range(1), seed=0, near=())
+    (outcome,) = solve_starts(task, alone, starts=range(1), seed=0, carried={})
     design = as_design(outcome.point)
     (pair,) = [pair for pair in audit(design).pairs if pair.kind == "exclusion"]
     assert pair.analytic_m == pytest.approx(-result.violation)

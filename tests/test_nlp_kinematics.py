@@ -22,7 +22,7 @@ L_C = 1.7
 def symbolic_poses(topology, root, alpha, l_c):
     """R and p of all modules from the symbols of the problem."""
     root_x, alpha_x = ca.SX.sym("root", 3), ca.SX.sym("alpha", topology.n - 1)
-    modules = platform.poses(topology, root_x, alpha_x, l_c)
+    modules = platform.poses(topology, root_x, alpha_x, [l_c] * topology.n)
     f = ca.Function("poses", [root_x, alpha_x], [ca.horzcat(*(ca.horzcat(m.R, m.p) for m in modules))])
     blocks = np.array(f(root, alpha)).T.reshape(topology.n, 4, 3)
     return blocks[:, :3].transpose(0, 2, 1), blocks[:, 3]
@@ -32,7 +32,7 @@ def compiled_poses(topology, root, alpha, l_c):
     """R and p of all modules from the compiled chain."""
     ports = np.array([0, *(a for _, _, a, _ in topology.edges())])
     theta = np.concatenate([root, alpha])
-    return chain(theta, np.array(topology.parents), ports, np.array(topology.kappas), l_c)[:2]
+    return chain(theta, np.array(topology.parents), ports, np.array(topology.kappas), np.full(topology.n, l_c))[:2]
 
 
 def angles_of(topology, rng):

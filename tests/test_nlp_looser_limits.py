@@ -12,7 +12,7 @@ from older import older_task
 
 from nlp import default_starts, solve
 from topo_search.model import Design, Topology
-from topo_search.topologies.family import candidates
+from topo_search.topologies import candidates
 
 WORSE = 5e-4
 """Relative difference of efforts that counts."""

@@ -59,7 +59,7 @@ def printed_gaps(task, topology):
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
     body, obstacle, _ = row.search_row
-    start, growth = stated.air[1:] if isinstance(obstacle, s.AirflowObstacle) else (0.0, 0.0)
+    start, growth = obstacle[1:] if isinstance(obstacle, s.AirflowObstacle) else (0.0, 0.0)
     end = start + growth
     if isinstance(body, s.PartsBody):
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
@@ -287,7 +287,7 @@ def test_an_axis_in_a_hull_leaves_it_by_the_row_that_it_has(region):
         x = unknowns(task, topology, random_point(task, topology, rng))
         x[3:6] = rng.normal(size=3) * 0.3  # p'_E, about which the region is, next to the module
         here = evaluated(task, topology, x)
-        entered += here.g[place] < -(stated.air[1] + stated.air[2])
+        entered += here.g[place] < -task.module.envelope.end_radius / task.module.arm_length
         for _ in range(200):
             if here.g[place] >= 0:
                 break

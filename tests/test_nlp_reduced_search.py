@@ -27,8 +27,8 @@ TREE = Topology.from_key("a3010")
 """Four modules."""
 
 
-def searched(task, starts, *, seed=0, tree=TREE, near=()) -> list[StartResult]:
-    return solve_starts(task, tree, starts=starts, seed=seed, near=near)
+def searched(task, starts, *, seed=0, tree=TREE) -> list[StartResult]:
+    return solve_starts(task, tree, starts=starts, seed=seed, carried={})
 
 
 def best(found: list[StartResult]) -> StartResult:

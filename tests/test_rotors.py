@@ -133,7 +133,7 @@ def test_solver_and_audit_have_the_wrenches_of_the_task_file(seed: int) -> None:
     np.testing.assert_allclose(wrench_map(platform(design), module), about_com, rtol=0, atol=1e-12 * scale)
 
     in_units = expected * unit.input / np.repeat([unit.force, unit.torque], 3)[:, None]
-    printed = symbolic_map([ca.DM(R_i) for R_i in R], [ca.DM(p_i / unit.length) for p_i in p], module)
+    printed = symbolic_map([ca.DM(R_i) for R_i in R], [ca.DM(p_i / unit.length) for p_i in p], task)
     np.testing.assert_allclose(np.array(ca.evalf(printed)), in_units, rtol=0, atol=1e-12)
     x = np.concatenate([point.root, point.alpha, point.tip / unit.length])
     assembled = AssembledPlatform(Layout(task, point.topology), x).A * task.n

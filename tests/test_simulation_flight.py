@@ -82,7 +82,7 @@ def test_a_rotor_that_dies_is_felt_and_made_good(flown) -> None:
 
 
 def test_a_death_is_known_after_the_time_of_its_detection(wall_press: Design) -> None:
-    scenario = dead_rotor(3, wall_press.task.module, counts=True)
+    scenario = dead_rotor(3, wall_press.task, counts=True)
     shares = {}
     for detection in (0.1, 0.4):
         track, _ = fly(wall_press, replace(scenario, seconds=1.6), Options(detection=detection))

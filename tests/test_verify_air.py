@@ -244,7 +244,7 @@ def test_thrust_lost_below_another_quadrotor(e_mm: float, measured: float, off_b
     centres = np.array([[0.0, 0.0, 0.0], [aside, 0.0, -depth]]) / module.arm_length
     u = np.full((2, 4), module.hover_input(9.81))
     both = blow(centres, np.tile(np.eye(3), (2, 1, 1)), u, module)
-    lost = [rotor.thrust_loss for rotor in _rotors(both, module, 1.2)]
+    lost = [rotor.thrust_loss for rotor in _rotors(both, [module] * 2, 1.2)]
     assert max(lost[:4]) == 0.0  # of the upper one
     assert np.mean(lost[4:]) == pytest.approx(measured, abs=off_by)
 
@@ -274,7 +274,7 @@ def test_a_rotor_in_a_wake_loses_thrust(wake_loss: float) -> None:
     u[1] = [1e6, 4e6, 1.0, 0.0]
     both = blow(np.array([[0, 0, 0], [0, 0, -6.0]]), np.stack([np.eye(3)] * 2), u)
     module = Module(wake_loss=wake_loss)
-    rotors = list(_rotors(both, module, 1.2))
+    rotors = list(_rotors(both, [module] * 2, 1.2))
     assert all(rotor.thrust_loss == 0 == rotor.lost_N for rotor in rotors[:4])
     middle = -wakes(both.drop(1), both.rotors[1])[:, 0, 2]
     v = both.induced[1]

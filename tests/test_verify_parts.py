@@ -187,12 +187,12 @@ def test_a_search_that_ends_early_proves_no_more_than_its_planes(monkeypatch):
 def test_bounds_hold_the_parts():
     parts = Scene(fan())
     rng = np.random.default_rng(5)
-    for body, centre in zip(parts.modules, parts.centres, strict=True):
+    for body, own, centre in zip(parts.modules, parts.bodies, parts.centres, strict=True):
         for part in body.parts:
             for _ in range(20):
                 u = unit(rng)
                 assert part.support(u) <= body.bounds.support(u) + 1e-12
-                assert part.support(u) - u @ centre <= parts.body.reach + 1e-12
+                assert part.support(u) - u @ centre <= own.reach + 1e-12
 
 
 # ---- platforms

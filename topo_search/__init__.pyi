@@ -56,6 +56,7 @@ from topo_search.model.files import read_json, to_json, to_toml
 from topo_search.model.goals import Goals
 from topo_search.model.load_case import ForceCone
 from topo_search.model.mesh_file import ConvexPiece
+from topo_search.model.module_types import ModuleType
 from topo_search.model.reserves import AskedFlight
 from topo_search.model.rotors import ModuleRotor
 from topo_search.model.stated import Stated, StatedCheck
@@ -71,12 +72,12 @@ from verify.kinematics import platform
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
     "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior", "Fault",
-    "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase", "Local",
-    "Module", "ModuleRotor", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Picture", "Plane",
-    "RegionAirflow", "ResolvedTask", "Row", "Search", "SilentObserver", "SizeAnswer", "Solved", "Stated",
-    "StatedCheck", "Status", "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances", "Topology",
-    "TopologySampler", "Tried", "View", "WorkersLost", "Wrench", "airflow", "audit", "capability", "check",
-    "clearances", "compare", "draw", "draw_tree", "export_design", "figure", "fly", "kit", "palette",
+    "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase",
+    "Local", "Module", "ModuleRotor", "ModuleType", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler",
+    "Picture", "Plane", "RegionAirflow", "ResolvedTask", "Row", "Search", "SilentObserver", "SizeAnswer",
+    "Solved", "Stated", "StatedCheck", "Status", "SuspiciousTask", "SymbolicPlatform", "Task", "Tolerances",
+    "Topology", "TopologySampler", "Tried", "View", "WorkersLost", "Wrench", "airflow", "audit", "capability",
+    "check", "clearances", "compare", "draw", "draw_tree", "export_design", "figure", "fly", "kit", "palette",
     "platform", "plot_candidates", "plot_front", "plot_history", "plot_platform", "prove", "read_answer",
     "read_design", "read_json", "read_task", "register_format", "residuals", "round_angles", "search", "solve",
     "to_json", "to_toml", "view", "write_kit", "write_report",

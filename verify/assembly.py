@@ -152,7 +152,7 @@ def _mount_note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnect
 def _length_note(design: Design, rod: Rod) -> str | None:
     """Return a note if a rod is far longer than its platform is wide."""
     n = design.topology.n
-    width = packed_width(design.task.module, n)
+    width = packed_width(design.task.longest_connector, n)
     if rod.length_m <= LARGE * width:
         return None
     times = f"{rod.length_m / width:.0f} times the width of {n} modules in a square"
@@ -234,8 +234,9 @@ def _airflow_sources(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
     rod_index, number = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
     airflow = ConeSpheres.of([air.body.body for air in scene.envelopes]).take(number)
     bodies = ConeSpheres.of([rod.round_body.body for rod in rods]).take(rod_index)
-    d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), len(scene.centres), -1).min(axis=2)
-    return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
+    modules = np.array([air.module for air in scene.envelopes])
+    d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), -1)
+    return [np.unique(modules[~(row > FLOOR)]).tolist() for row in d]
 
 
 def _nearby_modules(rod: StraightRod, scene: Scene) -> list[int]:
@@ -243,4 +244,5 @@ def _nearby_modules(rod: StraightRod, scene: Scene) -> list[int]:
     from_start = scene.centres - rod.start
     t = np.clip(from_start @ rod.path / (rod.length**2 or 1.0), 0.0, 1.0)
     distance = np.linalg.norm(from_start - t[:, None] * rod.path, axis=1)
-    return np.flatnonzero(distance <= scene.body.reach + rod.radius + FLOOR).tolist()
+    reach = np.array([body.reach for body in scene.bodies])
+    return np.flatnonzero(distance <= reach + rod.radius + FLOOR).tolist()

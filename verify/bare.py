@@ -2,8 +2,9 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| v | inputs over the largest input of a rotor, between the limits for a design | (4n,) | |
-| A | wrench map about the COM, W = A v | (6, 4n) | m_t g, l_arm m_t g |
+| N | number of rotors; types of module may have fewer than r | | |
+| v | inputs over u_max of `[module]`, between the limits for a design | (N,) | |
+| A | wrench map about the COM, W = A v | (6, N) | m_t g, l_arm m_t g |
 | b | required wrench of each load case, or of each vertex of a set | (K, 6) | the same |
 
 The best inputs come from one convex program per load case. The wrenches of all v are a convex set, so a wrench set
@@ -26,12 +27,22 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from topo_search.model import Array, CasePower, CountedRod, Design, Flight, Geometry, Residual, ResolvedTask, Status
+from topo_search.model import (
+    Array,
+    CasePower,
+    CountedRod,
+    Design,
+    Flight,
+    Geometry,
+    Residual,
+    ResolvedTask,
+    Status,
+)
 from topo_search.model.corners import corners_of
 from topo_search.model.proven import TOLERANCE
 from verify.assembly import choose_mount
 from verify.flight.programs import LARGEST, Bounds, find_solutions, least_inputs, nearest
-from verify.kinematics import Platform, objective, platform, required_wrench, wrench_map
+from verify.kinematics import Platform, has_rotor, objective, per_rotor, platform, required_wrench, wrench_map
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
 from verify.sections import Findings
@@ -68,12 +79,13 @@ def _count_rod(design: Design) -> Design:
 def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
     """Return the inputs of every load case, shape (K, r n) [rad^2/s^2]; zeros if numbers are too large."""
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    A = wrench_map(platform, task.module) * task.max_input / unit[:, None]
+    exists = has_rotor(task)
+    A = wrench_map(platform, task.modules_of_nodes)[:, exists.ravel()] * task.max_input / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for case in task.load_cases]) / unit
-    N = A.shape[1]
+    u = np.zeros((len(b), exists.size))
     if not (np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST):
-        return np.zeros((len(b), N))
-    shares = np.tile(task.module.input_shares(task.gravity), task.n)
+        return u
+    shares = task.input_shares[exists]
     box = Bounds(task.min_input / task.max_input * shares, shares)
     solvable = find_solutions(A, b, box)
     v = solvable.v.copy()
@@ -83,7 +95,8 @@ def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
             v[k] = v[k] if best is None else best
         else:
             v[k], _ = nearest(A, b_k, box.low, box.high)
-    return np.asarray(v * task.max_input)
+    u[:, exists.ravel()] = v * task.max_input
+    return u
 
 
 def corner_residuals(found: Findings) -> Iterator[Residual]:
@@ -93,9 +106,10 @@ def corner_residuals(found: Findings) -> Iterator[Residual]:
     if not corners:
         return
     unit = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
-    A = wrench_map(platform, task.module) * task.module.max_input(task.gravity) / unit[:, None]
+    exists, u_max = has_rotor(task), task.module.max_input(task.gravity)
+    A = wrench_map(platform, task.modules_of_nodes)[:, exists.ravel()] * u_max / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
-    shares = np.tile(task.module.input_shares(task.gravity), n)
+    shares = task.input_shares[exists]
     box = Bounds(task.module.min_input * shares, task.search.peak_input * shares)
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
         solvable = find_solutions(A, b, box)
@@ -117,46 +131,61 @@ def power(found: Findings) -> tuple[CasePower, ...]:
 
 
 def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
-    task, module, rotors = design.task, design.task.module, design.task.rotor_count
-    A, table = wrench_map(platform, module), module.rotor_table
-    drags, ideal = np.tile([np.abs(table.drags), table.gains**1.5 / table.sizes], task.n)
-    cubes = np.maximum(design.inputs.reshape(-1, rotors), 0.0) ** 1.5
+    task, exists, rho = design.task, has_rotor(design.task), design.task.air_density
+    k_tau, P_0 = task.module.torque_coefficient, task.module.ideal_power(rho)
+    A, inputs = wrench_map(platform, task.modules_of_nodes)[:, exists.ravel()], design.inputs[:, exists]
+    drags = per_rotor(
+        task.modules_of_nodes, lambda kind: kind.torque_coefficient / k_tau * np.abs(kind.rotor_table.drags)
+    )[exists]
+    ideal = per_rotor(
+        task.modules_of_nodes,
+        lambda kind: kind.ideal_power(rho) / P_0 * (kind.rotor_table.gains**1.5 / kind.rotor_table.sizes),
+    )[exists]
+    cubes = np.maximum(inputs, 0.0) ** 1.5
     rows = [
         (label, float(np.sum(drags * w)), float(np.sum(ideal * w)), A @ u, u)
-        for label, w, u in zip(task.case_labels, cubes, design.inputs.reshape(-1, rotors), strict=True)
+        for label, w, u in zip(task.case_labels, cubes, inputs, strict=True)
     ]
-    if capability is not None and capability.hover_power_ratio is not None and table.is_uniform:
-        straight_up = task.force_unit(task.n) / (rotors * module.thrust_coefficient)
+    flying, rotors = [kind for kind in task.types if kind.rotor_table.count], inputs.shape[1]
+    kinds = {(kind.thrust_coefficient, kind.torque_coefficient, kind.body.rotor_radius) for kind in flying}
+    equal = len(kinds) == 1 and all(kind.rotor_table.is_uniform for kind in flying)
+    if capability is not None and capability.hover_power_ratio is not None and equal:
+        straight_up = task.force_unit(task.n) / (rotors * flying[0].thrust_coefficient)
         cube = rotors * straight_up**1.5 * capability.hover_power_ratio
         weight = np.array([0.0, 0.0, task.force_unit(task.n), 0.0, 0.0, 0.0])
-        rows.insert(0, (capability.hover.name, cube, cube, weight, np.zeros(rotors)))
+        hover = capability.hover.name, float(drags[0] * cube), float(ideal[0] * cube), weight, np.zeros(rotors)
+        rows.insert(0, hover)
     for name, drag, ideal_share, b, u in rows:
-        shaft_W, merit = clamp(module.torque_coefficient * drag), ideal_share / drag if drag > 0 else 1.0
+        shaft_W, merit = clamp(k_tau * drag), ideal_share / drag if drag > 0 else 1.0
         yield CasePower(
             name=name,
-            ideal_W=clamp(module.ideal_power(task.air_density) * ideal_share),
+            ideal_W=clamp(P_0 * ideal_share),
             shaft_W=shaft_W,
-            figure_of_merit=clamp(module.figure_of_merit(task.air_density) * merit),
-            endurance_min=_endurance(task, A, b, u),
+            figure_of_merit=clamp(task.module.figure_of_merit(rho) * merit),
+            endurance_min=_endurance(task, A, b, u, drags),
         )
 
 
-def _endurance(task: ResolvedTask, A: Array, b: Array, u: Array) -> float | None:
+def _endurance(task: ResolvedTask, A: Array, b: Array, u: Array, drags: Array) -> float | None:
     """Return an upper bound on the time that all batteries last with inputs that produce a wrench [min].
+
+    The batteries of all modules feed all rotors: a module without rotors supplies the others.
 
     Args:
         task: the task.
-        A: wrench map, shape (6, 4n).
+        A: wrench map, shape (6, N).
         b: the wrench, shape (6,) [N, N m].
-        u: inputs that are also allowed, shape (4n,) [rad^2/s^2].
+        u: inputs that are also allowed, shape (N,) [rad^2/s^2].
+        drags: drag torques over k_tau of `[module]` times the input, shape (N,).
     """
     module, limit = task.module, task.module.max_input(task.gravity)
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    shares = np.tile(module.input_shares(task.gravity), task.n)
+    shares = task.input_shares[has_rotor(task)]
     box = Bounds(np.minimum(module.min_input * shares, u / limit), np.maximum(shares, u / limit))
     # shaft power is a plain sum for inputs that are scaled by their drags
-    scale = np.tile(np.abs(module.rotor_table.drags), task.n) ** (2 / 3)
+    scale = drags ** (2 / 3)
     scaled = Bounds(box.low * scale, box.high * scale)
     _, least = least_inputs(A / scale * limit / unit[:, None], b / unit, scaled, 1.5)
     shaft_W = module.torque_coefficient * limit**1.5 * least
-    return clamp(task.n * module.battery_Wh * 60 / shaft_W) if module.battery_Wh and shaft_W > 0 else None
+    stored_Wh = sum(count * (kind.battery_Wh or 0.0) for kind, count in task.counts)
+    return clamp(stored_Wh * 60 / shaft_W) if stored_Wh and shaft_W > 0 else None

@@ -1,7 +1,7 @@
 r"""Proven verdicts on rotors, hubs and arms beside the airflow of other modules.
 
-Computations are in the frame of the module that owns the parts, where all modules look alike, so each part is
-compared with all envelopes in one batch. Lengths are in l_arm.
+Computations are in the frame of the module that owns the parts, where all modules of a type look alike, so each
+part is compared with all envelopes in one batch. Lengths are in l_arm.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -85,9 +85,18 @@ def rotors_beside_airflow(scene: Scene, _: Mount | None) -> Iterator[BesideAirfl
 
 
 def certify_beside(checks: Sequence[BesideAirflow]) -> list[certificate.Certificate]:
-    """Certify the checks that `beside_airflow` yields, for copies of one module."""
-    if not checks:
-        return []
+    """Certify the checks that `beside_airflow` yields."""
+    batches, certificates = dict[int, list[int]](), dict[int, certificate.Certificate]()
+    for k, check in enumerate(checks):
+        assert check.body.source is not None
+        batches.setdefault(id(check.body.source[0]), []).append(k)
+    for batch in batches.values():
+        certificates |= zip(batch, _certify_copies([checks[k] for k in batch]), strict=True)
+    return [certificates[k] for k in range(len(checks))]
+
+
+def _certify_copies(checks: Sequence[BesideAirflow]) -> list[certificate.Certificate]:
+    """Certify the checks of copies of one module."""
     count = checks[0].body.rotors + 1  # checks of each pair of modules
     pairs = checks[::count]
     R, p = (np.array(column) for column in zip(*(_pose(pair.body) for pair in pairs), strict=True))
@@ -183,7 +192,7 @@ def _in_frames(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> ConeSphere
 
 
 def _clearances(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Clearances]:
-    """Return the clearances of rotors 0 to 3 and the frame, for modules at poses R (N, 3, 3) and p (N, 3)."""
+    """Return the clearances of all rotors and the frame, for modules at poses R (N, 3, 3) and p (N, 3)."""
     assert pairs[0].body.source is not None
     module, K = pairs[0].body.source[0], _in_frames(pairs, R, p)
     module_parts, frame = module.parts, module.frame

@@ -1,10 +1,11 @@
 r"""Brackets of joints beside airflow and rotors.
 
-If a task has `[module.bracket]`, the brackets keep clear of airflow and rotors.
+If a task has `[module.bracket]`, the brackets keep clear of airflow and rotors. They have these sizes at modules of
+all types.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| c | the connector of a joint, the origin of the flange of either module | (3,) | l_arm |
+| c | the connector of a joint, the origin of the flange of either module, at its own l_c | (3,) | l_arm |
 | x, z | from a module's centre to its port; the module's thrust axis | (3,) | - |
 | r, d, t | half-width of a flange, its set-back from c, its thickness (`Module.bracket_sizes`) | scalar | l_arm |
 
@@ -38,6 +39,8 @@ def beside_brackets(scene: Scene, _: Mount | None) -> Iterator[AnyCheck]:
         solid = Polyhedron("bracket", bracket.mesh.vertices, bracket.mesh.triangles)
         body = Compound((solid,), solid)
         for b, module in enumerate(scene.modules):
+            if not module.rotors:
+                continue
             rotors = Compound(module.parts[module.frame :], module.bounds)
             yield ClearanceCheck("bracket-rotor", a, b, rotors, body)
 
@@ -54,11 +57,8 @@ def bracket_hulls(scene: Scene) -> dict[int, HullBody]:
 
 def _flange(scene: Scene, i: int, port: int) -> Array:
     """Return the corners of the flange bolted to a port of module i, shape (8, 3)."""
-    module, sizes = scene.design.task.module, scene.design.task.module.bracket_sizes
-    l_c, r, d, t = (
-        x / module.arm_length
-        for x in (module.connector_distance, sizes.half_width, sizes.set_back, sizes.thickness)
-    )
+    sizes, l_c = scene.design.task.module.bracket_sizes, scene.design.task.connector_distances[i]
+    l_c, r, d, t = (x / scene.l_arm for x in (l_c, sizes.half_width, sizes.set_back, sizes.thickness))
     x = PORT_DIRECTIONS[port]
     corners = [(l_c + u) * x + v * np.cross(UP, x) + w * UP for u, v, w in product((-d, t - d), (-r, r), (-r, r))]
     return np.asarray(np.array(corners) @ scene.R[i].T + scene.centres[i])

@@ -5,7 +5,7 @@ may touch nothing. The rod may touch its own module only with its fitting.
 
 | symbol | meaning | unit |
 |---|---|---|
-| l_c, e_a | distance of the connectors from the module's centre, direction of port a | l_arm, - |
+| l_c, e_a | distance of a module's own connectors from its centre, direction of port a | l_arm, - |
 | u | l_c - e_a.x, depth of a point x inside the plane of connector a, which contains the hinge's axis | l_arm |
 
 A point of a frame is near the connector if -OUTWARDS l_c < u < INWARDS l_c. Two frames may share only points that
@@ -43,12 +43,14 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
     counts = task.body_clearance is not None
     needs_rod = counts or task.end_effector.rod == "straight"
     joints = {(h, i): (a, b) for h, a, i, b in scene.design.topology.bolts}
-    l_c = task.module.connector_distance / scene.l_arm
+    l_c = task.connector_distances / scene.l_arm
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
-            ports = zip((body, against), joints[a, b], strict=True)
-            body, against = (_side_at(scene.body, port, l_c).place_like(module) for module, port in ports)
+            ports = zip((a, b), joints[a, b], strict=True)
+            body, against = (
+                _side_at(scene.bodies[i], port, float(l_c[i])).place_like(modules[i]) for i, port in ports
+            )
         yield ClearanceCheck("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
@@ -59,7 +61,7 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
             yield ClearanceCheck("rod", a, -1, module, rod_body, counts=needs_rod)
 
 
-@functools.lru_cache(maxsize=16)
+@functools.lru_cache(maxsize=128)
 def _side_at(whole: Compound, port: int, l_c: float) -> Compound:
     """Return a module, in its own frame, as it is checked against its neighbour at a port.
 
@@ -85,11 +87,12 @@ def _side_at(whole: Compound, port: int, l_c: float) -> Compound:
 
 def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContact, ...]:
     """Return the pairs that may touch, and the parts that may."""
-    l_c = 1e3 * design.task.module.connector_distance
-    near_connector = f"from {INWARDS * l_c:g} mm inside the connector's plane to {OUTWARDS * l_c:g} mm past it"
+    l_c = (1e3 * design.task.connector_distances).tolist()
+    near = [f"from {INWARDS * l:g} mm inside the connector's plane to {OUTWARDS * l:g} mm past it" for l in l_c]
     joints = [
-        AllowedContact(kind="body", a=h, b=i, parts=f"hub and arms, by ports {a} and {b}, {near_connector}")
+        AllowedContact(kind="body", a=h, b=i, parts=f"hub and arms, by ports {a} and {b}, {zone}")
         for h, a, i, b in design.topology.bolts
+        for zone in [" and ".join(dict.fromkeys((near[h], near[i])))]
     ]
     if mount is None:
         return tuple(joints)

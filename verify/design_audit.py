@@ -72,11 +72,12 @@ def _audit(design: Design, started: float) -> Audit:
 
 def _clearances(found: Findings) -> tuple[Clearance, ...]:
     """Return the clearance of every check, in the order of the checks."""
-    scene, module = found.scene, found.scene.design.task.module
+    scene = found.scene
+    modules = scene.design.task.modules_of_nodes
     middle = scene.platform.p_com + scene.platform.o.mean(axis=0)  # the scene's origin in W
     closest = _closest_points(found.checks, found.certificates, scene.l_arm, middle)
     rows = zip(found.checks, found.certificates, closest, strict=True)
-    return tuple(_clearance(*row, module) for row in rows)
+    return tuple(_clearance(*row, scene.l_arm, modules) for row in rows)
 
 
 def _closest_points(
@@ -97,9 +98,15 @@ def _closest_points(
 
 
 def _clearance(
-    check: AnyCheck, certificate: Certificate, closest: tuple[Vector, Vector] | None, module: Module
+    check: AnyCheck,
+    certificate: Certificate,
+    closest: tuple[Vector, Vector] | None,
+    l_arm: float,
+    modules: Sequence[Module],
 ) -> Clearance:
-    l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
+    d, percent = clamp(certificate.analytic * l_arm), None
+    if check.kind == "airflow":
+        percent = clamp(100.0 * d / sum(modules[i].envelope.end_radius for i in (check.a, check.b)))
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
         kind=check.kind,
@@ -113,7 +120,7 @@ def _clearance(
         upper_m=upper,
         analytic_m=d,
         level=certificate.level,
-        percent=clamp(100.0 * d / (2.0 * module.envelope.end_radius)) if check.kind == "airflow" else None,
+        percent=percent,
         evidence=(*_describe(check), *certificate.evidence) if certificate.evidence else (),
         closest_m=closest,
     )

@@ -6,7 +6,7 @@
 | alpha_i | hinge angle between module i > 0 and its parent h | scalar | rad |
 | a, b | port of the parent, port of the child | | |
 | e_a | direction of port a in the module frame: +x, +y, -x, -y | (3,) | |
-| l_c | module centre to connector | scalar | m |
+| l_c | module centre to connector, of its type of module | scalar | m |
 | R_i, p_i | orientation and position of module i in W, p_root = 0 | (3,3), (3,) | -, m |
 | z_i | axis of a module, R_i e_z | (3,) | |
 | p_COM, o_i, p_E | platform COM in W; module centre and end-effector from the COM | (3,) | m |
@@ -14,7 +14,8 @@
 | a_iq | its thrust axis in W | (3,) | |
 
 The axis of a joint lies in the plane of the parent's arms, perpendicular to the arm: y at the x ports, x at the y
-ports. The hinge is halfway between the two centres: l_c e_a before it and l_c e_a, turned by the hinge, behind it.
+ports. From the parent's centre to the hinge it is the parent's l_c e_a, then to the child's centre the child's l_c
+e_a, turned by the hinge.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -23,17 +24,18 @@ ports. The hinge is halfway between the two centres: l_c e_a before it and l_c e
 | b_k | required wrench about the COM: force f_E + f_C, torque tau_E + p_E x f_E + tau_C | (6,) | N, N m |
 
 Column (i, q) of A is k_f a_iq over k_f o_iq x a_iq - s_q k_tau a_iq, with s_q = 1 for a rotor that turns
-counter-clockwise seen against its thrust, otherwise -1. Gravity is a load case like any other.
+counter-clockwise seen against its thrust, otherwise -1. Gravity is a load case like any other. A type of
+module with fewer than r rotors has columns of zeros, and inputs of 0, for the rest.
 """
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import PORT_DIRECTIONS, Array, Design, LoadCase, Module, Topology
+from topo_search.model import PORT_DIRECTIONS, Array, Design, Flags, LoadCase, Module, ResolvedTask, Topology
 
 
 class Poses(NamedTuple):
@@ -104,7 +106,7 @@ def quarter_turns(kappa: int) -> Array:
 
 
 def poses(
-    topology: Topology, root_orientation: Sequence[float], hinge_angles: Sequence[float], l_c: float
+    topology: Topology, root_orientation: Sequence[float], hinge_angles: Sequence[float], l_c: float | Array
 ) -> Poses:
     """Return the poses of all modules in W.
 
@@ -112,23 +114,38 @@ def poses(
         topology: the tree.
         root_orientation: psi, alpha_0, alpha_1 [rad].
         hinge_angles: alpha_i of the modules 1..n-1 [rad].
-        l_c: distance from module centre to connector; positions are in its unit.
+        l_c: distance from module centre to connector, of all modules or of each, (n,); positions are in its unit.
     """
     psi, alpha_0, alpha_1 = root_orientation
     R = np.empty((topology.n, 3, 3))
-    p = np.zeros((topology.n, 3))
+    p, l = np.zeros((topology.n, 3)), np.broadcast_to(l_c, topology.n)
     R[0] = rotation(2, psi) @ rotation(0, alpha_0) @ rotation(1, alpha_1)
     for h, i, a, b in topology.edges():
         R_hinge = R[h] @ rotation(1 if a % 2 == 0 else 0, hinge_angles[i - 1])
         R[i] = R_hinge @ quarter_turns(a + 2 - b)
-        p[i] = p[h] + l_c * (R[h] + R_hinge) @ PORT_DIRECTIONS[a]
+        p[i] = p[h] + (l[i] * (R[h] + R_hinge) + (l[h] - l[i]) * R[h]) @ PORT_DIRECTIONS[a]
     return Poses(R, p)
 
 
 def poses_of(design: Design) -> Poses:
     """Return the poses of all modules of a design in W [m]."""
-    l_c = design.task.module.connector_distance
+    l_c = design.task.connector_distances
     return poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, l_c)
+
+
+def per_rotor(modules: Sequence[Module], values: Callable[[Module], Array]) -> Array:
+    """Return values (r_i, ...) of the rotors of each module i as one array (n, r, ...), 0 for rotors it lacks."""
+    of_types = {id(module): values(module) for module in {id(module): module for module in modules}.values()}
+    rows = [of_types[id(module)] for module in modules]
+    result = np.zeros((len(rows), max(map(len, rows)), *rows[0].shape[1:]))
+    for row, of_module in zip(result, rows, strict=True):
+        row[: len(of_module)] = of_module
+    return result
+
+
+def has_rotor(task: ResolvedTask) -> Flags:
+    """Return which of the inputs of a platform are of rotors that its modules have, shape (n, r)."""
+    return np.asarray(task.input_limits > 0)
 
 
 def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
@@ -143,37 +160,42 @@ def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
         >>> platform(read_design("hover-2/best.json")).rotors.shape
         (2, 4, 3)
     """
-    task, module = design.task, design.task.module
-    n = design.topology.n
+    task, modules, n = design.task, design.task.modules_of_nodes, design.topology.n
+    l_c = task.connector_distances
     poses = poses_of(design) if actual_poses is None else actual_poses
     p_E_in_W = np.array(design.end_effector_m)
-    connectors = [
-        poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
-        for h, a, _, _ in design.topology.bolts
-    ]
+    connectors = [poses.p[h] + l_c[h] * poses.R[h] @ PORT_DIRECTIONS[a] for h, a, _, _ in design.topology.bolts]
     joints = np.array(connectors).reshape(-1, 3)
-    moment = module.mass * poses.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
+    masses = np.array([module.mass for module in modules]) / task.module.mass
+    moment = task.module.mass * (masses[:, None] * poses.p).sum(axis=0)
+    moment += task.module.joint_mass * joints.sum(axis=0)
     moment += task.end_effector.mass * p_E_in_W
     rod, counted = np.zeros((0, 2, 3)), task.end_effector.counted_rod
     if counted is not None:
         i = counted.module
-        half = (p_E_in_W - poses.p[i] - module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[counted.port]) / 2
+        half = (p_E_in_W - poses.p[i] - l_c[i] * poses.R[i] @ PORT_DIRECTIONS[counted.port]) / 2
         rod = np.array([[p_E_in_W - half, half]])
         moment += counted.mass * rod[0, 0]
     p_com = moment / task.total_mass(n)
     rod -= [p_com, np.zeros(3)]
     o = poses.p - p_com
-    table = module.rotor_table
-    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, module.arm_length * table.positions)
-    axes = np.einsum("nij,qj->nqi", poses.R, table.axes)
+    positions = per_rotor(modules, lambda module: module.arm_length * module.rotor_table.positions)
+    rotors = o[:, None, :] + np.einsum("nij,nqj->nqi", poses.R, positions)
+    axes = np.einsum("nij,nqj->nqi", poses.R, per_rotor(modules, lambda module: module.rotor_table.axes))
     return Platform(poses, p_com, o, p_E_in_W - p_com, p_E_in_W, rotors, axes, joints - p_com, rod)
 
 
-def wrench_map(platform: Platform, module: Module) -> Array:
-    """Return A, shape (6, r n), columns module by module."""
-    axes = platform.thrust_axes
-    k_f = module.thrust_coefficient * module.rotor_table.gains[:, None]
-    drag = module.torque_coefficient * module.rotor_table.drags[:, None] * axes
+def wrench_map(platform: Platform, modules: Module | Sequence[Module]) -> Array:
+    """Return A, shape (6, r n), columns module by module.
+
+    Args:
+        platform: its geometry.
+        modules: the module at each node, or that of all.
+    """
+    axes, modules = platform.thrust_axes, (modules,) * len(platform.o) if isinstance(modules, Module) else modules
+    k_f = per_rotor(modules, lambda module: module.thrust_coefficient * module.rotor_table.gains)[..., None]
+    drags = per_rotor(modules, lambda module: module.torque_coefficient * module.rotor_table.drags)
+    drag = drags[..., None] * axes
     force, torque = k_f * axes, k_f * np.cross(platform.rotors, axes) + drag
     return np.concatenate([force, torque], axis=-1).reshape(-1, 6).T
 
@@ -189,7 +211,7 @@ def wrench_errors(design: Design, platform: Platform) -> Array:
     """Return the produced minus the required wrench of each load case, shape (K, 6) [N, N m]."""
     u = design.inputs.reshape(len(design.task.load_cases), -1)
     required = [required_wrench(case, platform.p_e) for case in design.task.load_cases]
-    return np.asarray(u @ wrench_map(platform, design.task.module).T - np.array(required))
+    return np.asarray(u @ wrench_map(platform, design.task.modules_of_nodes).T - np.array(required))
 
 
 def objective(design: Design) -> float:

@@ -1,19 +1,19 @@
 """The rigid parts of a platform, in the audit's coordinates: hub, arms, rotor discs, and the rod.
 
 In the module frame, the hub is a box about the centre, the arms are boxes from the centre to the rotors, and the
-rotor discs are cylinders about the rotors, across their axes. Sizes are those of `[module.body]`; the user's convex
-pieces may replace hub and arms.
+rotor discs are cylinders about the rotors, across their axes. Sizes are those of the body of the module's type; the
+user's convex pieces may replace hub and arms.
 
 A straight rod from a free connector carries the end-effector.
 
 | symbol | meaning | shape |
 |---|---|---|
-| c | a free connector, o_i + l_c R_i e_a | (3,) |
+| c | a free connector, o_i + l_c R_i e_a, with the module's own l_c | (3,) |
 | p_E | the end-effector | (3,) |
 | r | radius of the rod, a capsule from c to p_E | |
 
 The fitting, the first two radii of the rod, may touch the module that carries it; the rest may touch nothing.
-Lengths are in l_arm and positions relative to the mean of the module centres.
+Lengths are in the l_arm of `[module]` and positions relative to the mean of the module centres.
 """
 
 import functools
@@ -29,19 +29,19 @@ from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, capsule, cylinder
 
 
-@functools.lru_cache(maxsize=4)
-def module_body(module: Module) -> Compound:
+@functools.lru_cache(maxsize=32)
+def module_body(module: Module, l_arm: float) -> Compound:
     """Return a module's rigid body in its own frame: hub and arms, which form the frame, then rotors [l_arm]."""
-    frame, rotors = module_parts(module)
+    frame, rotors = module_parts(module, l_arm)
     return Compound(frame + rotors, bounding_box(frame + rotors), len(frame))
 
 
-def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]]:
-    """Return the frame (hub and arms) and the rotors of a module, in its own frame [l_arm]."""
-    body, l_arm = module.body, module.arm_length
+def module_parts(module: Module, l_arm: float | None = None) -> tuple[tuple[Convex, ...], tuple[Convex, ...]]:
+    """Return the frame (hub and arms) and the rotors of a module, in its own frame [l_arm, default: its own]."""
+    body, l_arm = module.body, l_arm or module.arm_length
     width, height = body.arm_width / l_arm, body.rotor_height / l_arm
-    table = module.rotor_table
-    discs = enumerate(zip(table.positions, table.axes, module.rotor_radii / l_arm, strict=True))
+    table, scale = module.rotor_table, module.arm_length / l_arm
+    discs = enumerate(zip(scale * table.positions, table.axes, module.rotor_radii / l_arm, strict=True))
     rotors = tuple(cylinder(f"rotor {q}", centre, axis, radius, height) for q, (centre, axis, radius) in discs)
     if body.frame is not None:
         surfaces = [(np.array(piece.vertices) / l_arm, np.array(piece.triangles)) for piece in body.frame]
@@ -49,7 +49,7 @@ def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]
     hub = box("hub", np.zeros(3), np.diag(body.hub) / l_arm / 2)
     arms = [
         box(f"arm {q}", length * axes[0] / 2, np.array([length, width, width])[:, None] * axes / 2)
-        for q, (axes, length) in enumerate(table.arms())
+        for q, (axes, length) in enumerate(table.arms(scale))
     ]
     return (hub, *arms), rotors
 

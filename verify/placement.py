@@ -15,6 +15,7 @@ from topo_search.model import Mount
 from topo_search.model.exposure import solid_name
 from topo_search.model.placement import NEAR_RADII, NearSolid, Placement, Pulling, must_pull
 from verify.bodies import AllowedCone
+from verify.kinematics import has_rotor, per_rotor
 from verify.requirements import Scene
 from verify.sections import Findings
 from verify.solid_regions import solid_regions
@@ -42,14 +43,16 @@ def _pulling(scene: Scene, mount: Mount | None) -> Iterator[Pulling]:
 
 def _near_solid(scene: Scene) -> Iterator[NearSolid]:
     """Yield the solid half-spaces that are near rotors."""
-    platform, radii = scene.platform, scene.design.task.module.rotor_radii
+    platform, task = scene.platform, scene.design.task
+    radii = per_rotor(task.modules_of_nodes, lambda module: module.rotor_radii)
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
     for number, contact, segment, region in solid_regions(scene):
         if not isinstance(region, AllowedCone) or region.half_angle_deg != 90:
             continue
         distances = scene.l_arm * np.abs(region.s(rotors))
-        module, rotor = np.unravel_index(np.argmin(distances / radii), distances.shape)
-        nearest, radius = float(distances[module, rotor]), float(radii[rotor])
+        distances[~has_rotor(task)] = np.inf
+        module, rotor = np.unravel_index(np.argmin(distances / np.where(radii, radii, 1.0)), distances.shape)
+        nearest, radius = float(distances[module, rotor]), float(radii[module, rotor])
         if nearest <= NEAR_RADII * radius:
             yield NearSolid(
                 name=solid_name(number, segment, contact),

@@ -1,14 +1,14 @@
 """The geometric requirements on envelopes and centres of a design, as pairs of bodies.
 
-Lengths are in l_arm and positions relative to the mean of the module centres, so scenes are centred and tolerances
-mean the same at every scale. A minimum distance d of two points, such as module centres or the end-effector, is the
-requirement that balls of radius d / 2 around them keep apart.
+Lengths are in the l_arm of `[module]` and positions relative to the mean of the module centres, so scenes are
+centred and tolerances mean the same at every scale. A minimum distance d of two points, such as module centres or
+the end-effector, is the requirement that balls of radius d / 2 around them keep apart.
 """
 
 import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -54,35 +54,35 @@ class Scene:
     @cached_property
     def envelopes(self) -> list[PlacedAir]:
         """Airflow envelopes of all modules, module by module."""
-        return self._place(self.design.task.module.envelopes)
+        return self._place([module.envelopes for module in self.design.task.modules_of_nodes])
 
     @cached_property
     def region_envelopes(self) -> list[PlacedAir]:
         """Airflow envelopes used against target regions."""
-        return self._place(self.design.task.module.region_envelopes)
+        return self._place([module.region_envelopes for module in self.design.task.modules_of_nodes])
 
-    def _place(self, envelopes: Sequence[AirflowEnvelope]) -> list[PlacedAir]:
-        bodies = list[RoundBody]()
-        for envelope in envelopes:
+    def _place(self, envelopes: Sequence[tuple[AirflowEnvelope, ...]]) -> list[PlacedAir]:
+        bodies = dict[AirflowEnvelope, RoundBody]()  # shared, as are their meshes
+        for envelope in chain(*envelopes):
             length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
             start, path = np.array(envelope.origin) / self.l_arm, -length * np.array(envelope.upstream)
-            bodies.append(RoundBody(ConeSphere(start, path + 0.0, r, dr)))
-        single = len(bodies) == 1
+            bodies.setdefault(envelope, RoundBody(ConeSphere(start, path + 0.0, r, dr)))
         return [
-            PlacedAir(i, None if single else q, body.place(R, o))
-            for i, (R, o) in enumerate(zip(self.R, self.centres, strict=True))
-            for q, body in enumerate(bodies)
+            PlacedAir(i, None if len(of_module) == 1 else q, bodies[envelope].place(R, o))
+            for i, (R, o, of_module) in enumerate(zip(self.R, self.centres, envelopes, strict=True))
+            for q, envelope in enumerate(of_module)
         ]
 
     @cached_property
-    def body(self) -> Compound:
-        """Rigid parts of a module in its own frame."""
-        return module_body(self.design.task.module)
+    def bodies(self) -> tuple[Compound, ...]:
+        """Rigid parts of each module in its own frame."""
+        return tuple(module_body(module, self.l_arm) for module in self.design.task.modules_of_nodes)
 
     @cached_property
     def modules(self) -> tuple[Compound, ...]:
         """Rigid parts of each module."""
-        return tuple(self.body.place(R, o) for R, o in zip(self.R, self.centres, strict=True))
+        poses = zip(self.bodies, self.R, self.centres, strict=True)
+        return tuple(body.place(R, o) for body, R, o in poses)
 
     @property
     def in_range(self) -> bool:
@@ -92,8 +92,10 @@ class Scene:
 
     def straight_rod(self, mount: Mount) -> StraightRod:
         """Return the rod from a free connector."""
-        module = self.design.task.module
-        l_c, radius = module.connector_distance / self.l_arm, self.design.task.end_effector.rod_radius / self.l_arm
+        task = self.design.task
+        l_c, radius = (
+            x / self.l_arm for x in (task.connector_distances[mount.module], task.end_effector.rod_radius)
+        )
         start = self.centres[mount.module] + l_c * self.R[mount.module] @ PORT_DIRECTIONS[mount.port]
         return StraightRod(mount, start, self.tip - start, radius)
 

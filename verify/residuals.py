@@ -1,10 +1,9 @@
 """Residuals of the core: limits on a design's numbers other than clearances; sections of the audit add theirs.
 
-Deviations are scaled: forces by m_t g, torques by l_arm m_t g, inputs by their upper limit, lengths by l_arm, the
-objective by its value; angles are in rad. A scaled deviation above its tolerance, mostly
-TOLERANCE, is a violation. Wrenches are checked
-about the COM and about the end-effector, because with a long lever arm a force within the tolerance can be a torque
-beyond it.
+Deviations are scaled: forces by m_t g, torques by l_arm m_t g, inputs by the upper limit of `[module]`, lengths by
+l_arm, the objective by its value; angles are in rad. A scaled deviation above its tolerance, mostly TOLERANCE, is a
+violation. Wrenches are checked about the COM and about the end-effector, because with a long lever arm a force
+within the tolerance can be a torque beyond it.
 """
 
 import math
@@ -75,13 +74,14 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
-    scale, shares = design.task.max_input, design.task.module.input_shares(design.task.gravity)
+    scale, shares = design.task.max_input, design.task.input_shares
     limits, lowest = scale * shares, design.task.min_input * shares
     for case, u in zip(design.task.case_labels, design.inputs, strict=True):
         for name, sign, bounds in (("largest", 1.0, limits), ("smallest", -1.0, lowest)):
             excess = sign * (u - bounds)
+            excess[(limits == 0) & (u == 0)] = -math.inf  # of rotors that a type of module lacks
             worst = np.unravel_index(np.argmax(excess), u.shape)
-            size, claim, bound = max(0.0, float(excess[worst])), float(u[worst]), float(bounds[worst[1]])
+            size, claim, bound = max(0.0, float(excess[worst])), float(u[worst]), float(bounds[worst])
             yield residual(
                 f"{case}, {name} rotor input", size, "rad^2/s^2", scale, claim=claim, derived=bound or None
             )

@@ -18,11 +18,11 @@ them; reserves and air speeds are those of the design as drawn.
 """
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from topo_search.model import Array, Limit, Mount, Sensitivity, Status, WorstCase
+from topo_search.model import Array, Limit, Module, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.airflow import RegionAirflow
 from verify.beside_airflow import clearance as clearance_beside
 from verify.bodies import AllowedCone, clearances, cone_clearance
@@ -35,6 +35,8 @@ from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Scene
 from verify.sections import Findings
 from verify.tolerance import Errors, Example, Tolerance, Weakest
+
+AnyModule = TypeVar("AnyModule", bound=Module)
 
 
 class SearchSettings(NamedTuple):
@@ -176,9 +178,8 @@ class _ErrorSearch:
     def _counterpart(self, scene: Scene, other: AnyCheck) -> AnyCheck | None:
         """Return the check that corresponds to one of another platform of the same task and tree, if any."""
         if other.kind == "airflow":  # thousands for a hundred modules, too many to search
-            each = len(scene.envelopes) // len(scene.centres)
-            first, second = other.a * each + (other.segment or 0), other.b * each + (other.rotor or 0)
-            return scene.airflows_apart(scene.envelopes[first], scene.envelopes[second])
+            air = {placed[:2]: placed for placed in scene.envelopes}
+            return scene.airflows_apart(air[other.a, other.segment], air[other.b, other.rotor])
         (group,) = (group for group in self._found.clearances if other.kind in group.kinds)
         return next((check for check in group.checks(scene, self._mount) if check.key == other.key), None)
 
@@ -194,16 +195,9 @@ def deviate(scene: Scene, turns: Array, shifts: Array, *, envelope: float, mount
         mount: the connector of the rod, on the module that no hinge moves; the root if None.
     """
     design, nominal, holder = scene.design, scene.platform.poses, 0 if mount is None else mount.module
-    module = design.task.module
-    larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
-    airflow = module.airflow.model_copy(update=larger)
-    if (regions := module.region_airflow) is not None:
-        start, spread, reach = regions
-        larger_regions = RegionAirflow(
-            start_radius=start + envelope, spread_angle_deg=spread, reach=reach + envelope
-        )
-        airflow = airflow.model_copy(update={"regions": larger_regions})
-    task = design.task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
+    task = design.task
+    types = tuple(_with_larger_air(kind, envelope) for kind in task.module_types)
+    task = task.model_copy(update={"module": _with_larger_air(task.module, envelope), "module_types": types})
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, shifts[-1].tolist(), strict=True))
     built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
@@ -217,6 +211,18 @@ def deviate(scene: Scene, turns: Array, shifts: Array, *, envelope: float, mount
         heavier = rod.model_copy(update={"mass": max(0.0, rod.mass + longer)})
         built = built.model_copy(update={"task": task.with_rod(heavier)})
     return Scene(built, platform(built, poses))
+
+
+def _with_larger_air(module: AnyModule, envelope: float) -> AnyModule:
+    larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
+    airflow = module.airflow.model_copy(update=larger)
+    if (regions := module.region_airflow) is not None:
+        start, spread, reach = regions
+        larger_regions = RegionAirflow(
+            start_radius=start + envelope, spread_angle_deg=spread, reach=reach + envelope
+        )
+        airflow = airflow.model_copy(update={"regions": larger_regions})
+    return module.model_copy(update={"airflow": airflow})
 
 
 def clearance_of(check: AnyCheck) -> float:

@@ -114,7 +114,7 @@ class Levers:
     def __init__(self, scene: Scene, holder: int) -> None:
         """Compute the hinge axes; `holder` is the module whose frame is fixed."""
         topology = scene.design.topology
-        n, l_c = topology.n, scene.design.task.module.connector_distance / scene.l_arm
+        n, l_c = topology.n, scene.design.task.connector_distances / scene.l_arm
         self.moves = np.zeros((n - 1, n + 1), dtype=bool)
         """[h, i]: hinge h, between module h + 1 and its parent, moves module i relative to the holder; none moves
         p_E, which is last."""
@@ -123,7 +123,7 @@ class Levers:
             self.moves[:, i] = self.moves[:, h]
             self.moves[i - 1, i] = True
             self.axes[i - 1] = scene.R[h] @ np.eye(3)[1 if a % 2 == 0 else 0]
-            self.origins[i - 1] = scene.centres[h] + l_c * scene.R[h] @ PORT_DIRECTIONS[a]
+            self.origins[i - 1] = scene.centres[h] + l_c[h] * scene.R[h] @ PORT_DIRECTIONS[a]
         # A hinge between the root and the holder moves the root's side instead, in the opposite sense.
         reversed_hinges = self.moves[:, holder].copy()
         self.moves[:, :n] ^= reversed_hinges[:, None]
@@ -155,9 +155,9 @@ class Levers:
         on_path = self.moves[:, carrier] & ~shared
         return np.where(on_path[:, None], np.cross(self.axes, x - self.origins), 0.0)
 
-    def centre_rates(self, centres: Array) -> Array:
-        """Return the displacement of the sum of all module centres per angle of each hinge, shape (H, 3)."""
-        moves = self.moves[:, :-1].astype(float)
+    def centre_rates(self, centres: Array, weights: Array) -> Array:
+        """Return the displacement of the weighted sum of module centres per angle of each hinge, shape (H, 3)."""
+        moves = self.moves[:, :-1] * weights
         return np.cross(self.axes, moves @ centres - moves.sum(axis=1, keepdims=True) * self.origins)
 
 
@@ -290,11 +290,12 @@ class Tolerance:
         scene, task, n, levers = self.scene, self.scene.design.task, self._tip, self._levers
         M, end_effector = task.total_mass(n), task.end_effector
         holders = [h for h, _, _, _ in scene.design.topology.bolts]
-        masses = np.repeat([task.module.mass, task.module.joint_mass], [n, len(holders)]) / M
+        of_modules = np.array([module.mass for module in task.modules_of_nodes])
+        masses = np.concatenate([of_modules, np.full(len(holders), task.module.joint_mass)]) / M
         joints = scene.centres[holders] + (scene.platform.joints - scene.platform.o[holders]) / scene.l_arm
         points = np.concatenate([scene.centres, joints])
         side = _Side(points, np.zeros_like(points), np.zeros(len(points)), np.array([*range(n), *holders]))
-        self._share = task.module.mass / M
+        self._share, self._weights = task.module.mass / M, of_modules / task.module.mass
         self._turning = float(masses @ levers.motion(side, np.zeros((len(points), n - 1), dtype=bool))[:, 0])
         rod, counted = scene.platform.rod, end_effector.counted_rod
         self._rod_share = 0.0 if counted is None else counted.mass / M
@@ -486,8 +487,8 @@ class Tolerance:
             n, gradient = A.n[a], self._com_gradient(check, A.x[a], B.x[b], A.n[a])
             turns = self._levers.rates(A.x[a], int(A.carrier[a]), shared) @ n
             turns -= self._levers.rates(B.x[b], int(B.carrier[b]), shared) @ n
-            turns -= self._share * self._levers.centre_rates(self.scene.centres) @ gradient
-            shifts = np.tile(-self._share * gradient, (self._tip + 1, 1))
+            turns -= self._share * self._levers.centre_rates(self.scene.centres, self._weights) @ gradient
+            shifts = np.outer(np.append(self._weights, 0.0), -self._share * gradient)
             along_rod = self._density * (self._rod_middle @ gradient) * self._rod_direction
             shifts[self._tip] = self._tip_share * gradient - along_rod
             shifts[self._holder] += along_rod - self._rod_share / 2 * gradient

@@ -28,7 +28,7 @@ from functools import cached_property
 
 import numpy as np
 
-from nlp.numbers.geometry import cross, force_map, torque_map
+from nlp.numbers.geometry import cross, rotor_maps
 from nlp.numbers.kinematics import chain, tree_of
 from nlp.numbers.masses import masses
 from nlp.requirements.statement import LocalVector, PlatformVector
@@ -43,11 +43,11 @@ class Layout:
     """Layout of V for one task and topology, and which unknowns move its vectors."""
 
     def __init__(self, task: ResolvedTask, topology: Topology) -> None:
-        n, module = topology.n, task.module
+        n = topology.n
         self.n, self.tree = n, tree_of(topology)
-        self.force_map, self.torque_map = force_map(module), torque_map(module)
-        self.l_c = module.connector_distance / module.arm_length
-        self.masses = carried = masses(module, task.end_effector, topology)
+        self.force_maps, self.torque_maps = rotor_maps(task)
+        self.l_c = task.connector_distances / task.module.arm_length
+        self.masses = carried = masses(task, topology)
         fixed = task.end_effector.fixed_position
         self.g = n + 2 + (3 if fixed is None else 0)
         share, moments = carried.tip / carried.total, carried.modules[:, None] * carried.centres
@@ -59,7 +59,7 @@ class Layout:
         self.fixed = None if fixed is None else carried.lever * np.array(fixed) / Units.of(task).length
         self.moves = np.tile(self.tree.moves.T, (4, 1)).astype(float)
         """1 if an angle moves a vector of a module, shape (4n, n+2)."""
-        self.rotor_moves = np.repeat(self.moves[:n], self.force_map.shape[1], axis=0)
+        self.rotor_moves = np.repeat(self.moves[:n], task.rotors_per_module, axis=0)
         """1 if an angle moves a rotor, shape (r n, n+2)."""
         self.inward = np.zeros((n + 2, n + 2))
         """1 if angle j is inward of or equal to k."""
@@ -98,7 +98,7 @@ class AssembledPlatform:
         tip = x[n + 2 :] if layout.fixed is None else layout.fixed
         self.V[4 * n : -1] = layout.module_weights @ self.V[: 4 * n] + layout.tip_weights * tip
         forces, torques = (
-            (R @ by_inputs / n).transpose(0, 2, 1) for by_inputs in (layout.force_map, layout.torque_map)
+            (R @ by_inputs / n).transpose(0, 2, 1) for by_inputs in (layout.force_maps, layout.torque_maps)
         )
         self.A = np.concatenate([forces, cross(p[:, None], forces) + torques], axis=2).reshape(-1, 6)
 

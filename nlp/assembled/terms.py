@@ -111,7 +111,7 @@ class Mapped:
 @cache
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
     """Return every row of a formula's smooth form with its derivatives."""
-    if isinstance(formula, AirflowClearance) and isinstance(formula.body, Air):
+    if isinstance(formula, AirflowClearance) and formula.body == formula.air:
         return (_envelope_pair(formula.air, beta),)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     return tuple(Mapped(y, row) for row in ca.vertsplit(formula.smooth(y, ca.SX(beta))))

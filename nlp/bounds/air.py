@@ -23,7 +23,7 @@ import numpy as np
 
 from nlp.bounds import refutation
 from nlp.bounds.effort import least_force_norms
-from topo_search.model import ResolvedTask
+from topo_search.model import Array, Module, ResolvedTask
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 
 
@@ -33,9 +33,8 @@ def refute_airspeed(task: ResolvedTask) -> refutation.Refutation | None:
     if rotor_distance is None:
         return None
     forces = least_force_norms(task)
-    k, R, module = int(np.argmax(forces)), task.module.rotor_radii, task.module
-    inputs = task.max_input * module.input_shares(task.gravity) + TOLERANCE * module.max_input(task.gravity)
-    max_thrusts = module.thrust_coefficient * module.rotor_table.gains * inputs
+    k, R = int(np.argmax(forces)), np.concatenate([kind.rotor_radii for kind in task.types])
+    max_thrusts = np.concatenate([_max_thrusts(task, kind) for kind in task.types])
     force = float(forces[k]) - refutation.tolerated_force(task)
     induced = force / np.sqrt(max_thrusts * 2 * task.air_density * math.pi * R**2)
     for e, region in enumerate(task.exposure):
@@ -56,15 +55,21 @@ def refute_airspeed(task: ResolvedTask) -> refutation.Refutation | None:
     return None
 
 
+def _max_thrusts(task: ResolvedTask, module: Module) -> Array:
+    """Return the largest thrust of each rotor of a module, shape (r,) [N]."""
+    u_max = module.max_input(task.gravity)
+    inputs = task.search.peak_input * u_max * module.input_shares(task.gravity) + TOLERANCE * u_max
+    return np.asarray(module.thrust_coefficient * module.rotor_table.gains * inputs)
+
+
 def _farthest_rotor(task: ResolvedTask) -> float | None:
     """Return the largest distance of a rotor's centre from the end-effector [m]; None if there is no limit."""
-    n, module, reach = task.n, task.module, task.largest_reach(task.n)
+    n, l_c, reach = task.n, task.longest_connector, task.largest_reach(task.n)
     position, distances = task.end_effector.fixed_position, list[float]()
     if reach is not None:
-        distances.append(reach + (2 * n - 1) * module.connector_distance)
+        distances.append(reach + (2 * n - 1) * l_c)
     if position is not None:
-        mass_ratio = task.total_mass(n) / refutation.bodies_mass(task)
-        q = mass_ratio * (math.hypot(*position) + TOLERANCE * module.arm_length) + refutation.centre_offset(task)
-        distances.append(q + (n - 1) * module.connector_distance)
-    farthest = module.arm_length * float(module.rotor_table.distances.max())
-    return min(distances) + farthest * (1 + TOLERANCE) if distances else None
+        mass_ratio, shift = task.total_mass(n) / refutation.bodies_mass(task), TOLERANCE * task.module.arm_length
+        q = mass_ratio * (math.hypot(*position) + shift) + refutation.centre_offset(task)
+        distances.append(q + (n - 1) * l_c)
+    return min(distances) + refutation.longest_arm(task) * (1 + TOLERANCE) if distances else None

@@ -39,7 +39,7 @@ lambda = 0: s <= n T / 4 times the mean of all levers. For d = +-e_z the mean is
 max(lambda, sqrt((lambda + k)^2 + o^2) / 2).
 
 The centroid is at most l_c (n - 1) from a module's centre; the mean of these distances over the modules is at most
-2 l_c (n^2 - 1) / (3 n), as in a straight chain.
+2 l_c (n^2 - 1) / (3 n), as in a straight chain. The mean is no bound if some modules have more thrust than others.
 
 Bounds allow for the audit's tolerance: TOLERANCE m_t g along each axis in the wrenches of reserves.
 """
@@ -55,6 +55,7 @@ from nlp.bounds.refutation import (
     centre_offset,
     largest_drag,
     largest_thrust,
+    longest_arm,
     tolerated_force,
     tolerated_thrust,
 )
@@ -142,11 +143,10 @@ def _value(nu: Array, limit: float, F: Array, D: Array) -> float:
 
 def _bound_by_torques(task: ResolvedTask) -> float:
     """Return a bound on the torque reserve [N m]."""
-    n, module, light = task.n, task.module, task.lightest
-    k, W, rod = largest_drag(module), light.force_unit(n), task.heaviest_rod
-    arm = module.arm_length * float(module.rotor_table.distances.max())
-    o = module.connector_distance * (n - 1) + arm
-    mean = 2 * module.connector_distance * (n * n - 1) / (3 * n) + arm + k
+    n, module, light, l_c = task.n, task.module, task.lightest, task.longest_connector
+    k, W, rod, arm = largest_drag(task), light.force_unit(n), task.heaviest_rod, longest_arm(task)
+    o = l_c * (n - 1) + arm
+    mean = o + k if task.module_types else 2 * l_c * (n * n - 1) / (3 * n) + arm + k
     lever = task.longest_lever(n)
     com_shift = rod * (lever + (task.largest_reach(n) or 0.0) / 2) + task.end_effector.mass * lever
     com_shift = com_shift / bodies_mass(task) + centre_offset(task) + math.sqrt(3) * task.flight.com_error

@@ -1,6 +1,7 @@
 """A lower bound on the control effort of every design of a task's size."""
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -8,7 +9,7 @@ import numpy as np
 
 from nlp.bounds.duality import dual_value, multipliers
 from nlp.units import Units
-from topo_search.model import Array, CountedRod, ResolvedTask
+from topo_search.model import Array, CountedRod, Module, ResolvedTask
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.proven import TOLERANCE
 
@@ -80,18 +81,21 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             by about 3e-6 of it if the forces are near m_t g, and by more if they are smaller.
     """
     task = lightest_task(task)
-    shares = task.module.input_shares(task.gravity)
-    idle_inputs = np.maximum(0.0, task.min_input * shares - accuracy * task.module.max_input(task.gravity))
-    idle_effort = float(_weights(task).sum()) * task.n * float(idle_inputs @ idle_inputs) * (1 - BOUND.rounding)
+    idle = 0.0
+    for kind, count in task.counts:
+        allowed = accuracy * kind.max_input(task.gravity)
+        inputs = np.maximum(0.0, task.min_input * task.rotor_shares(kind) - allowed)
+        idle += count * float(inputs @ inputs)
+    idle_effort = float(_weights(task).sum()) * idle * (1 - BOUND.rounding)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), idle_effort)
 
 
 def lightest_task(task: ResolvedTask) -> ResolvedTask:
-    """Return the task with the lightest rod and with points of its reserves as load cases.
+    """Return the task with the lightest rod, of any tree, and with points of its reserves as load cases.
 
     Tilts, errors of the centre of mass and dead rotors are left out: they make bounds on forces slower, not better.
     """
-    light = task.declared.lightest
+    light = task.declared.lightest.model_copy(update={"types_of_nodes": ()})
     flight = light.flight.model_copy(update={"tilt_deg": 0.0, "com_error": 0.0, "rotor_out": "none"})
     return to_corners(light.model_copy(update={"flight": flight}), inner=True)
 
@@ -120,10 +124,10 @@ def bound_of(task: ResolvedTask, J: float) -> float:
 
 
 def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
-    """Return (trace Q^(1/2))^2 / (r n k_f^2) <= J [rad^4/s^4].
+    """Return (trace Q^(1/2))^2 / (N k_f^2) <= J [rad^4/s^4].
 
-    Torques, input limits and geometry are dropped, and all rotors have the largest k_f. With the axes of all
-    N = r n rotors as columns of Z, F_k = k_f Z u_k. For fixed Z the least ||u_k||^2 is F_k^T M^+ F_k / k_f^2 with
+    Torques, input limits and geometry are dropped, and all rotors have the largest k_f. With the axes of all N
+    rotors as columns of Z, F_k = k_f Z u_k. For fixed Z the least ||u_k||^2 is F_k^T M^+ F_k / k_f^2 with
     M = Z Z^T, trace M = N. With
     Q = sum_k lambda_k F_k F_k^T, minimising trace(M^+ Q) over all positive semidefinite M of trace N gives
     (trace Q^(1/2))^2 / N, at M ~ Q^(1/2).
@@ -142,15 +146,17 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     # a sum of singular values is at least any <Y, rows> with |Y| <= 1; here Y = U V attains it
     change = float(np.sum((U @ V) * np.sqrt(weights / largest_weight)[:, None] * rod_force_change(task) / scale))
     root_trace = max(0.0, float(sigma.sum()) - loss + min(0.0, change))
-    thrust = root_trace * scale / (task.module.thrust_coefficient * float(task.module.rotor_table.gains.max()))
-    return thrust * thrust / task.rotor_count * largest_weight
+    thrust = root_trace * scale / (task.module.thrust_coefficient * _largest_gain(task))
+    return thrust * thrust / rotor_number(task) * largest_weight
 
 
 @lru_cache(maxsize=32)
 def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     """Return the best dual value of the search, as a bound on J [rad^4/s^4].
 
-    The r rotors of a module at best share a thrust s m g equally, by the largest k_f:
+    With several types of module, N rotors are as good as N / r modules with the r rotors of [module], of which none
+    has less thrust at its limit than any of them; modules without rotors lift nothing. The r rotors of a module at
+    best share a thrust s m g equally, by the largest k_f:
     ||u_ik||^2 >= r (s_ik u_hover)^2, and s_ik <= T as no rotor exceeds its limit; `nlp.bounds.duality` bounds the
     sum of the squares. It holds for the best of all axes, so that rotors with axes of their own do no better. If
     inputs may exceed their limits by
@@ -160,10 +166,10 @@ def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     if result is None:
         return 0.0
     nu, f, weights, T, effort_scale, scale = result
-    d = accuracy * task.module.max_thrust_to_weight * float(task.module.rotor_table.gains.mean()) / scale
+    d = accuracy * task.module.max_thrust_to_weight * max(tolerated for _, _, tolerated in _lifting(task)) / scale
     lengths = np.linalg.norm(nu, axis=1)
-    force_error = accuracy * _platform_weight(task) / (task.n * Units.of(task).force) / scale
-    change = float(np.sum(nu * rod_force_change(task))) / (task.n * Units.of(task).force) / scale
+    force_error = accuracy * _platform_weight(task) / _force_scale(task) / scale
+    change = float(np.sum(nu * rod_force_change(task))) / _force_scale(task) / scale
     value = dual_value(nu, f, weights, T + d) - float(lengths.sum()) * (force_error + d) + min(0.0, change)
     return effort_scale * value if value > 0 else 0.0
 
@@ -176,17 +182,17 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     raised weights; any multipliers are valid, and those with the greatest dual value at the true weights are
     returned.
     """
-    unit, rotors = Units.of(task), task.module.rotor_table
-    T = task.max_thrust_to_weight * float(np.mean(rotors.gains * task.module.input_shares(task.gravity)))
-    f, weights = total_forces(task) / (task.n * unit.force), _weights(task)
+    unit = Units.of(task)
+    T = task.max_thrust_to_weight * max(limit for _, limit, _ in _lifting(task))
+    f, weights = total_forces(task) / _force_scale(task), _weights(task)
     scale, largest_weight = float(np.linalg.norm(f, axis=1).max()), float(weights.max())
     if scale == 0:
         return None
     # scaled for Ipopt, which works best with numbers near 1
     mean = float(np.mean(weights / largest_weight))
     f, weights, T = f / scale, weights / largest_weight / mean, T / scale
-    thrust = scale * unit.input / float(rotors.gains.max())
-    effort_scale = task.rotor_count * thrust * thrust * mean * largest_weight
+    thrust = scale * unit.input / _largest_gain(task)
+    effort_scale = rotor_number(task) * thrust * thrust * mean * largest_weight
     largest = BOUND.max_multiplier * 2 * float(weights.max()) * T
     known_bound = closed_form(task) / effort_scale if 0 < effort_scale < math.inf else 0.0
     ratio = float(weights.min() / weights.max())
@@ -195,6 +201,38 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     candidates = [multipliers(f, w, T, largest=largest, known_bound=known_bound) for w in raised_weights]
     best = candidates[0] if len(candidates) == 1 else max(candidates, key=lambda nu: dual_value(nu, f, weights, T))
     return best, f, weights, T, effort_scale, scale
+
+
+def rotor_number(task: ResolvedTask) -> int:
+    """Return N, the number of rotors of a platform."""
+    return sum(count * kind.rotor_table.count for kind, count in task.counts)
+
+
+def gains_of(task: ResolvedTask, kind: Module) -> Array:
+    """Return the thrust of a type's rotors over k_f of [module] times their input, shape (r,)."""
+    return np.asarray(kind.thrust_coefficient / task.module.thrust_coefficient * kind.rotor_table.gains)
+
+
+def _lifting(task: ResolvedTask) -> Iterator[tuple[float, float, float]]:
+    """Yield the largest gain, and limit and tolerance of a rotor's thrust [k_f u_max], of each type with rotors.
+
+    Parallel rotors have the mean of a module's limits; tilted ones the largest, as axes differ.
+    """
+    u_max = task.module.max_input(task.gravity)
+    for kind in task.types:
+        if kind.rotor_table.count:
+            gains, largest = gains_of(task, kind), max if kind.rotor_table.tilt > 0 else np.mean
+            tolerated = float(np.mean(gains)) * (kind.max_input(task.gravity) / u_max)
+            yield float(gains.max()), float(largest(gains * task.rotor_shares(kind))), tolerated
+
+
+def _largest_gain(task: ResolvedTask) -> float:
+    return max(gain for gain, _, _ in _lifting(task))
+
+
+def _force_scale(task: ResolvedTask) -> float:
+    """Return m g of N / r modules [N]."""
+    return rotor_number(task) / task.module.rotor_table.count * Units.of(task).force
 
 
 def _platform_weight(task: ResolvedTask) -> float:

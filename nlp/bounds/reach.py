@@ -72,6 +72,8 @@ Turns = tuple[int, ...]
 
 def refute_path(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Refute a tree with a path whose modules are too close at any hinge angles; without a tree, any pair."""
+    if task.module_types:  # a proof is of modules of one type
+        return None
     module, air = task.module, task.module.envelope if task.search.interference == "airflow" else None
     # distances required of every design, not the larger ones of the solver
     centre_distance, min_separation = task.body_clearance or 0.0, 2
@@ -202,7 +204,7 @@ def refute_reach(task: ResolvedTask) -> Refutation | None:
 
 def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
     """Return lower bounds on the distance of the nearest connector [m], each with its reason."""
-    n, l_c = task.n, task.module.connector_distance
+    n, l_c, airs = task.n, task.longest_connector, [kind.region_envelopes for kind in task.types]
     distances = []
     if task.exclusion_radius is not None:
         distance = task.exclusion_radius
@@ -210,9 +212,9 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
             (distance - l_c, f"every module's centre keeps {lower_text(distance)} m from the end-effector")
         )
     for e, exposure in enumerate(task.exposure):
-        # envelopes of rotors do not start at the module's centre
-        for shape in exposure.shapes if exposure.geometry and not task.module.rotor_table.has_own_jets else ():
-            distance = _kept_off(shape, task.module.region_envelope.start_radius)
+        # envelopes of rotors do not start at the module's centre, and a module without rotors has none
+        for shape in exposure.shapes if exposure.geometry and all(len(air) == 1 for air in airs) else ():
+            distance = _kept_off(shape, min(air.start_radius for (air,) in airs))
             reason = f"exposure[{e}], {exposure.words}, keeps every module's centre {lower_text(distance)} m off"
             distances.append((distance - l_c, reason))
     if task.end_effector.fixed_position is not None:
@@ -249,7 +251,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
     squares = n**2 * (n**2 - 1) / 12 if topology is None else np.square(topology.distances).sum() / 2
     share = task.total_mass(n) / bodies_mass(task)
     q = share * math.hypot(*position) + centre_offset(task)
-    farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
+    farthest = math.hypot(q, 2 * task.longest_connector / n * math.sqrt(squares))
     tolerance = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the position
     if required <= farthest * (1 + MIN_VIOLATION) + tolerance:
         return None
@@ -271,6 +273,8 @@ def refute_rotors(task: ResolvedTask) -> Refutation | None:
     be clear of the opposite one, its mirror image, if it ends before the axis or begins beyond it.
     """
     module = task.module
+    if task.module_types:
+        return None
     middle, r, l_c = rotor_reach(module), module.body.rotor_radius, module.connector_distance
     overlap = r - abs(middle - l_c)
     if (

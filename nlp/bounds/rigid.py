@@ -19,7 +19,7 @@ so a positive value beyond the audit's tolerances refutes the load case, whateve
 import numpy as np
 
 from nlp.bounds.refutation import Refutation
-from nlp.numbers.geometry import force_map, torque_map
+from nlp.numbers.geometry import rotor_maps
 from nlp.numbers.point import Point
 from nlp.units import Units
 from topo_search.model import Array, ResolvedTask, Topology
@@ -32,10 +32,10 @@ def refute_rigid(task: ResolvedTask, topology: Topology) -> Refutation | None:
     given, n, module, unit = task.search.root_orientation_deg, task.n, task.module, Units.of(task)
     if task.search.lattice is None or given is None or task.end_effector.mass or task.heaviest_rod:
         return None
-    idle = np.zeros((len(task.load_cases), n, module.rotor_table.count))
+    idle = np.zeros((len(task.load_cases), n, task.rotors_per_module))
     point = Point(task, topology, np.radians(given), np.zeros(n - 1), np.zeros(3), idle)
     A, weights = _wrenches(point), task.total_mass(n) / module.mass
-    shares = np.tile(module.input_shares(task.gravity), n)
+    shares = task.input_shares.ravel()
     largest, least = task.max_thrust_to_weight, task.min_thrust_to_weight
     low, high = least * shares - TOLERANCE * largest, largest * shares + TOLERANCE * largest
     # residuals of force and torque, three angles of the root, and rounding
@@ -59,9 +59,9 @@ def refute_rigid(task: ResolvedTask, topology: Topology) -> Refutation | None:
 
 def _wrenches(point: Point) -> Array:
     """Return A."""
-    (R, p), module = point.poses, point.task.module
-    forces, o = R @ force_map(module), (p - point.p_COM) / module.arm_length
-    torques = R @ torque_map(module) + np.cross(o[:, :, None], forces, axis=1)
+    (R, p), (force_maps, torque_maps) = point.poses, rotor_maps(point.task)
+    forces, o = R @ force_maps, (p - point.p_COM) / point.task.module.arm_length
+    torques = R @ torque_maps + np.cross(o[:, :, None], forces, axis=1)
     return np.asarray(np.concatenate([forces, torques], axis=1).transpose(1, 0, 2).reshape(6, -1))
 
 

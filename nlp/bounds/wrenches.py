@@ -55,7 +55,9 @@ from nlp.bounds.refutation import (
     centre_offset,
     largest_drag,
     largest_thrust,
+    longest_arm,
     size_text,
+    thrust_shares,
     tolerated_force,
     tolerated_thrust,
 )
@@ -103,7 +105,7 @@ def refute_axes(task: ResolvedTask, topology: Topology | None = None) -> Refutat
     If forces F_k, the rows of F, were all produced to within r along d dimensions, the other singular values of F
     would have sum_{j > d} sigma_j^2 <= K r^2.
     """
-    if task.module.rotor_table.tilt > 0:
+    if any(kind.rotor_table.tilt > 0 for kind in task.types):
         return None
     if task.n == 1 or task.search.lattice is not None:
         d, reason = 1, f"{'a flat lattice' if task.n > 1 else 'a single module'} thrusts along one axis"
@@ -194,8 +196,9 @@ def refute_failures(task: ResolvedTask) -> Refutation | None:
         return None
     module, W, n = task.module, task.force_unit(task.n), task.n
     name = "hover, any rotor dead"
-    shares = module.rotor_table.gains * module.input_shares(task.gravity)
-    running = n * float(shares.sum()) - float(shares.max())
+    all_shares = thrust_shares(task)
+    running = sum(count * float(shares.sum()) for shares, count in all_shares)
+    running -= max(float(shares.max(initial=0.0)) for shares, _ in all_shares)
     limit = running * module.thrust_coefficient * module.max_input(task.gravity)
     if limit * (1 + 2 * TOLERANCE) < W * (1 - 2 * TOLERANCE):
         weight_text, limit_text = excess_texts(W, limit)
@@ -208,6 +211,7 @@ def refute_failures(task: ResolvedTask) -> Refutation | None:
         )
     if (
         n == 1
+        and not task.module_types
         and module.rotors is None
         and module.torque_coefficient >= FORCES.min_drag * module.thrust_coefficient * module.arm_length
     ):
@@ -240,11 +244,12 @@ def refute_torque(task: ResolvedTask, topology: Topology | None = None) -> Refut
     """
     if heaviest_extra(task):  # its weight has a torque about any point, with an unknown lever
         return None
-    n, module = task.n, task.module
-    l_arm = module.arm_length * float(module.rotor_table.distances.max())
+    n = task.n
     distances = n * (n**2 - 1) // 3 if topology is None else int(topology.distances.sum())
-    lever = 2 * module.connector_distance * distances / n**2 + centre_offset(task) + l_arm
-    limit = largest_thrust(task) * (lever + largest_drag(module))
+    if task.module_types:  # the outermost modules may have most of the thrust
+        distances = n * n * (n - 1) // 2 if topology is None else n * int(topology.distances.sum(axis=1).max())
+    lever = 2 * task.longest_connector * distances / n**2 + centre_offset(task) + longest_arm(task)
+    limit = largest_thrust(task) * (lever + largest_drag(task))
     required = [_least_torque(task, case) for case in task.load_cases]
     k = int(np.argmax(required))
     share = 1 + tolerated_thrust(task) / largest_thrust(task)

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Indices, Module, ResolvedTask, Topology
+from topo_search.model import PORT_DIRECTIONS, AirflowEnvelope, Array, Indices, ResolvedTask, Topology
 from topo_search.model.folds import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 
@@ -73,13 +73,15 @@ def root_angles(R: Array) -> Array:
     return np.array([psi, alpha_0, np.arctan2(z, x)])
 
 
-def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[Array, Array]:
-    """Return R and p of all modules for hinge angles alpha of the modules 1..n-1 [rad]."""
+def poses(topology: Topology, R_root: Array, alpha: Array, l_c: Array | float) -> tuple[Array, Array]:
+    """Return R and p of all modules for hinge angles alpha (n-1,) [rad], and l_c, one or (n,)."""
     n, edges = topology.n, list(topology.edges())
+    l_c = np.broadcast_to(l_c, n)
     ports = np.array([a for _, _, a, _ in edges], dtype=int)
     hinges = _hinge_rotations(ports, np.asarray(alpha, dtype=float))
     rotations = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
-    arms = l_c * (PORT_DIRECTIONS[ports] + np.einsum("iab,ib->ia", hinges, PORT_DIRECTIONS[ports]))
+    outwards, own, parents = PORT_DIRECTIONS[ports], l_c[1:, None], l_c[list(topology.parents[1:])][:, None]
+    arms = own * (outwards + np.einsum("iab,ib->ia", hinges, outwards)) + (parents - own) * outwards
     R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
     R[0] = R_root
     for (h, i, _, _), turn, arm in zip(edges, rotations, arms, strict=True):
@@ -120,18 +122,20 @@ class Ball(Swept):
         super().__init__(o, 0.0 * o, radius)
 
 
-def envelopes(airs: Sequence[AirflowEnvelope], R: Array, p: Array) -> Swept:
+def envelopes(airs: Sequence[Sequence[AirflowEnvelope]], R: Array, p: Array) -> Swept:
     """Return the airflow envelopes of modules with orientations R (n,3,3) and centres p (n,3) [m].
 
-    All of a module have the same sizes.
+    Args:
+        airs: envelopes of each module, in its frame.
+        R: orientations.
+        p: centres.
     """
-    air = airs[0]
-    if len(airs) == 1:
-        return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
-    places = np.array([(one.origin, one.upstream) for one in airs])
-    o, upstream = np.einsum("nij,qkj->knqi", R, places)
-    starts, axes = (p[:, None] + o).reshape(-1, 3), upstream.reshape(-1, 3)
-    return Swept(starts, -air.length * axes, air.start_radius, air.growth)
+    of = [(i, air) for i, own in enumerate(airs) for air in own]
+    nodes = [i for i, _ in of]
+    sizes: Any = np.array([(air.length, air.start_radius, air.growth) for _, air in of]).reshape(-1, 3).T
+    places = np.array([(air.origin, air.upstream) for _, air in of]).reshape(-1, 2, 3)
+    o, upstream = np.einsum("kij,kpj->pki", R[nodes], places)
+    return Swept(p[nodes] + o, -sizes[0][:, None] * upstream, sizes[1], sizes[2])
 
 
 def clearance(first: Swept, second: Swept) -> Array:
@@ -291,13 +295,17 @@ def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     return np.asarray(np.min(np.maximum(low - phi, phi - high), axis=0))
 
 
-def force_map(module: Module) -> Array:
-    """Return the matrix from the inputs of a module to its force in its own frame, shape (3, r)."""
-    rotors = module.rotor_table
-    return np.asarray((rotors.gains[:, None] * rotors.axes).T / rotors.count)
+def rotor_maps(task: ResolvedTask) -> tuple[Array, Array]:
+    """Return the matrices from the inputs of each module to its force in its own frame and to m_i, (n, 3, r) each.
 
-
-def torque_map(module: Module) -> Array:
-    """Return the matrix from the inputs of a module to m_i, shape (3, r)."""
-    drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    return np.asarray(module.rotor_table.torques(drag).T / module.rotor_table.count)
+    Rotors that a module lacks have columns of zeros.
+    """
+    unit, maps = task.module, np.zeros((2, task.n, 3, task.rotors_per_module))
+    for i, module in enumerate(task.modules_of_nodes):
+        rotors, r = module.rotor_table, module.rotor_table.count
+        gains = (module.thrust_coefficient / unit.thrust_coefficient * rotors.gains)[:, None]
+        levers = module.arm_length / unit.arm_length * rotors.positions
+        drags = module.torque_coefficient / (unit.thrust_coefficient * unit.arm_length) * rotors.drags[:, None]
+        forces, torques = gains * rotors.axes, gains * np.cross(levers, rotors.axes) + drags * rotors.axes
+        maps[:, i, :, :r] = np.array([forces.T, torques.T]) / unit.rotor_table.count
+    return maps[0], maps[1]

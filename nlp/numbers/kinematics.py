@@ -79,7 +79,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 @njit(cache=True)
-def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: float) -> tuple[Array, ...]:
+def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: Array) -> tuple[Array, ...]:
     """Return R, p, omega and c.
 
     Args:
@@ -87,7 +87,7 @@ def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: flo
         parent: parents of the modules, the root first, parents before children, shape (n,).
         port: ports of the parents, shape (n,).
         kappa: quarter turns of the modules, shape (n,).
-        l_c: distance from a module's centre to its connectors.
+        l_c: distances from the modules' centres to their connectors, shape (n,).
     """
     n = len(parent)
     R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
@@ -117,8 +117,8 @@ def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: flo
                 along = sign * ry
                 hx, hy, hz = rx, ca * ry + sa * rz, ca * rz - sa * ry
                 out = sign * hy
-            c[i + 2, k] = p[h, k] + l_c * along
-            p[i, k] = c[i + 2, k] + l_c * out
+            c[i + 2, k] = p[h, k] + l_c[h] * along
+            p[i, k] = c[i + 2, k] + l_c[i] * out
             R[i, k, 2] = hz
             if turns == 0:
                 R[i, k, 0], R[i, k, 1] = hx, hy

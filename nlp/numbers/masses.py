@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import PORT_DIRECTIONS, Array, EndEffector, Module, Topology, read_only
+from topo_search.model import PORT_DIRECTIONS, Array, ResolvedTask, Topology, read_only
 
 TINY = 1e-12
 """Square of a rod's length below which its inertia about its axis is neglected [l_arm^2]."""
@@ -50,7 +50,7 @@ class RigidBody(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Masses in units of a module's mass, lengths in l_arm."""
+    """Masses in units of [module]'s mass, lengths in l_arm."""
 
     module: float
     """m [kg]."""
@@ -92,22 +92,24 @@ class Masses(NamedTuple):
 
 
 @lru_cache(maxsize=64)
-def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Masses:
+def masses(task: ResolvedTask, topology: Topology) -> Masses:
     """Return the masses of a platform."""
-    modules, moments, unit = np.ones(topology.n), np.zeros((topology.n, 2)), module.arm_length
-    half, l_c = module.joint_mass / module.mass / 2, module.connector_distance / unit
-    inertias = np.tile(np.diag(module.inertia) / (module.mass * unit**2), (topology.n, 1, 1))
+    module, end_effector, at_nodes = task.module, task.end_effector, task.modules_of_nodes
+    unit, moments = module.arm_length, np.zeros((topology.n, 2))
+    half, l_c = module.joint_mass / module.mass / 2, task.connector_distances / unit
+    modules = np.array([own.mass / module.mass for own in at_nodes])
+    inertias = np.array([np.diag(own.inertia) / (module.mass * unit**2) for own in at_nodes])
     at_ports = [(module_i, port, half) for h, a, i, b in topology.bolts for module_i, port in ((h, a), (i, b))]
     tip_kg, rod, counted = end_effector.mass, RodMass(0.0, 0, (0.0, 0.0, 0.0), 0.0), end_effector.counted_rod
     if counted is not None:
-        x, y, z = (l_c * PORT_DIRECTIONS[counted.port]).tolist()
+        x, y, z = (l_c[counted.module] * PORT_DIRECTIONS[counted.port]).tolist()
         rod = RodMass(counted.mass / module.mass, counted.module, (x, y, z), end_effector.rod_radius / unit)
         at_ports.append((counted.module, counted.port, rod.mass / 2))
         tip_kg += counted.mass / 2
     for i, port, mass in at_ports:
         modules[i] += mass
-        moments[i] += mass * l_c * PORT_DIRECTIONS[port][:2]
-        inertias[i] += mass * point_inertia(l_c * PORT_DIRECTIONS[port])
+        moments[i] += mass * l_c[i] * PORT_DIRECTIONS[port][:2]
+        inertias[i] += mass * point_inertia(l_c[i] * PORT_DIRECTIONS[port])
     centres = moments / modules[:, None]
     for i, (x, y) in enumerate(centres):
         inertias[i] -= modules[i] * point_inertia(np.array([x, y, 0.0]))

@@ -39,13 +39,12 @@ class Point:
     @cached_property
     def poses(self) -> tuple[Array, Array]:
         """R (n,3,3) and p (n,3) [m] of all modules."""
-        l_c = self.task.module.connector_distance
-        return poses(self.topology, root_rotation(self.root), self.alpha, l_c)
+        return poses(self.topology, root_rotation(self.root), self.alpha, self.task.connector_distances)
 
     @cached_property
     def p_COM(self) -> Array:
         """Centre of mass in W [m]."""
-        carried = masses(self.task.module, self.task.end_effector, self.topology)
+        carried = masses(self.task, self.topology)
         on_modules = carried.module * _bodies_moment(self.task, carried, *self.poses)
         return np.asarray(
             (carried.tip_kg * self.tip + on_modules) / (carried.module * carried.bodies + carried.tip_kg)
@@ -54,8 +53,7 @@ class Point:
     @cached_property
     def envelopes(self) -> Swept:
         """Airflow envelopes of all modules."""
-        R, p = self.poses
-        return envelopes(self.task.module.envelopes, R, p)
+        return envelopes([module.envelopes for module in self.task.modules_of_nodes], *self.poses)
 
     @cached_property
     def vectors(self) -> dict[str, Array]:
@@ -92,9 +90,9 @@ class Point:
 
 def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alpha: Array) -> Array:
     """Return p'_E [m] for the position from the COM that the task fixes (`nlp.numbers.masses`)."""
-    R, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
+    R, p = poses(topology, root_rotation(root), alpha, task.connector_distances)
     p_E = np.asarray(task.end_effector.fixed_position)
-    carried = masses(task.module, task.end_effector, topology)
+    carried = masses(task, topology)
     return np.asarray(_bodies_moment(task, carried, R, p) / carried.bodies + carried.lever * p_E)
 
 
@@ -157,7 +155,7 @@ def connectors(task: ResolvedTask, topology: Topology) -> tuple[Connector, ...]:
 def rod_path(point: Point, connector: Connector) -> Array:
     """Return the vector of a rod from its connector to the end-effector, shape (3,) [m]."""
     (R, p), (i, port) = point.poses, connector
-    return np.asarray(point.tip - p[i] - point.task.module.connector_distance * R[i] @ PORT_DIRECTIONS[port])
+    return np.asarray(point.tip - p[i] - point.task.connector_distances[i] * R[i] @ PORT_DIRECTIONS[port])
 
 
 def with_rod(task: ResolvedTask, rod: CountedRod | None) -> ResolvedTask:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from nlp.air.search_rows import Speeds, speeds_of
-from nlp.numbers.geometry import force_map, torque_map
+from nlp.numbers.geometry import rotor_maps
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, row_kinds, variable_bounds
@@ -28,7 +28,8 @@ from topo_search.model.shape import Hull
 class Rotors(NamedTuple):
     """Weight and rotor output of the modules."""
 
-    l_c: float
+    l_c: Array
+    """Distance of each module's connectors, shape (n,)."""
     m_E: float
     bodies: float
     """Mass of modules and joints."""
@@ -40,9 +41,9 @@ class Rotors(NamedTuple):
     """Inertia about that centre in the module's frame, shape (n, 3, 3) [m l_arm^2]."""
     rod: RodMass
     forces: Array
-    """Force of each rotor at unit input in its module's frame, shape (r, 3)."""
+    """Force of each rotor at unit input in its module's frame, shape (r n, 3); 0 if its module lacks it."""
     torques: Array
-    """Torque of each rotor about its module's centre at unit input, shape (r, 3)."""
+    """Torque of each rotor about its module's centre at unit input, shape (r n, 3)."""
     u_min: float | Array
     """Smallest input of every rotor, or of each, shape (r n,)."""
     u_max: float | Array
@@ -113,10 +114,8 @@ class ReducedProblem(NamedTuple):
     hulls: Hulls
     speeds: Speeds | None
     """None without limits on air speed: the code of their rows is then not compiled."""
-    air: tuple[float, float, float]
-    """Length, start radius and growth of an envelope."""
     parts: Array
-    """Balls around the parts of a module (`Task.part_cover`): x, y, z, radius; shape (b, 4)."""
+    """Balls around the parts of each type of module (`Task.part_cover`): x, y, z, radius; shape (b, 4)."""
     lower: Array
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
@@ -136,24 +135,25 @@ class NamedRow(NamedTuple):
 
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     """Return a task and a topology as arrays."""
-    n, unit, module = topology.n, Units.of(task), task.module
-    carried, fixed = masses(module, task.end_effector, topology), task.end_effector.fixed_position
-    own = module.input_shares(task.gravity)
-    shares: float | Array = 1.0 if np.all(own == 1) else np.tile(own, n)  # a number is faster
+    n, unit = topology.n, Units.of(task)
+    carried, fixed = masses(task, topology), task.end_effector.fixed_position
+    own = task.input_shares.ravel()
+    shares: float | Array = 1.0 if np.all(own == 1) else own  # a number is faster
+    forces, torques = (maps.transpose(0, 2, 1).reshape(-1, 3) for maps in rotor_maps(task))
     rotors = Rotors(
-        module.connector_distance / unit.length,
+        task.connector_distances / unit.length,
         carried.tip,
         carried.bodies,
         carried.modules.copy(),
         carried.centres.copy(),
         carried.inertias.copy(),
         carried.rod,
-        force_map(module).T.copy(),
-        torque_map(module).T.copy(),
+        forces,
+        torques,
         task.min_thrust_to_weight * shares,
         task.max_thrust_to_weight * shares,
     )
-    air, speeds = module.envelope, speeds_of(task)
+    speeds = speeds_of(task)
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
     return ReducedProblem(
@@ -162,8 +162,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         _cases(task, unit),
         *_tabulate(list(rows(task, topology)), [] if speeds is None else speeds.lower),
         speeds,
-        (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
-        np.column_stack(task.part_cover) / unit.length,
+        np.concatenate([np.column_stack(task.part_cover(kind)) for kind in task.types]) / unit.length,
         lower,
         upper,
         np.empty(0) if fixed is None else carried.lever * np.array(fixed) / unit.length,

@@ -178,15 +178,15 @@ def clearances(problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradien
             are the opposite, and E is unused.
         rods: output: largest missing clearance, 0 at first, and length of each rod, shape (rods, 2).
     """
-    rows, reach = problem.rows, 0.0
-    for k in range(len(problem.parts)):
-        ball = row(problem.parts, k)
-        reach = max(reach, math.sqrt(dot(ball, ball)) + problem.parts[k, 3])
+    rows = problem.rows
     for r in range(len(rows.i)):
         g[r] = math.inf
-        if rows.obstacles.kind[r] == row_kinds.AIRFLOW and _are_far(problem, pose, r, reach):
+        if rows.obstacles.kind[r] == row_kinds.AIRFLOW and _are_far(problem, pose, r):
             continue
-        for k in range(len(problem.parts) if rows.bodies.kind[r] == row_kinds.PARTS else 1):
+        first, end, b_0 = 0, 1, rows.bodies.first[r]
+        if rows.bodies.kind[r] == row_kinds.PARTS:
+            first, end = int(rows.bodies.numbers[b_0]), int(rows.bodies.numbers[b_0 + 1])
+        for k in range(first, end):
             body = _piece(problem, pose, r, k)
             gap, eta, push, E = _gap(problem, pose, r, body)
             if gap < g[r]:
@@ -201,14 +201,18 @@ def clearances(problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradien
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _are_far(problem: ReducedProblem, pose: ReducedPlatform, r: int, reach: float) -> bool:
-    """True if a body is so far from an envelope's middle that the gap must exceed GAPS.far; `reach` is of parts."""
-    i, j, (length, radius, growth) = problem.rows.i[r], problem.rows.j[r], problem.air
+def _are_far(problem: ReducedProblem, pose: ReducedPlatform, r: int) -> bool:
+    """True if a body is so far from an envelope's middle that the gap must exceed GAPS.far."""
+    i, j, bodies, b_0 = problem.rows.i[r], problem.rows.j[r], problem.rows.bodies, problem.rows.bodies.first[r]
+    length, radius, growth = _vector(problem.rows.obstacles.numbers, problem.rows.obstacles.first[r])
     between, size = add(row(pose.o, i), -1.0, row(pose.o, j)), length / 2 + radius + growth
     between = add(between, length / 2, row(pose.z, j))
-    if problem.rows.bodies.kind[r] == row_kinds.ENVELOPE:
-        between, reach = add(between, -length / 2, row(pose.z, i)), size
-    return dot(between, between) >= (reach + size + GAPS.far) ** 2
+    if bodies.kind[r] == row_kinds.ENVELOPE:
+        own = bodies.numbers[b_0] / 2
+        between, reach = add(between, -own, row(pose.z, i)), own + bodies.numbers[b_0 + 1] + bodies.numbers[b_0 + 2]
+    else:
+        reach = bodies.numbers[b_0 + 2]
+    return bool(dot(between, between) >= (reach + size + GAPS.far) ** 2)
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
@@ -242,7 +246,7 @@ def _gap(
     obstacles, j, b = problem.rows.obstacles, problem.rows.j[r], p_E_of(pose)
     kind, k_0, numbers, (o, d, radius, growth) = obstacles.kind[r], obstacles.first[r], obstacles.numbers, body
     if kind == row_kinds.AIRFLOW:
-        length, r_air, dr_air = problem.air
+        length, r_air, dr_air = _vector(numbers, k_0)
         w, axis = add(o, -1.0, row(pose.o, j)), multiply(-length, row(pose.z, j))
         gap, eta, _, push = swept_gap(w, d, radius, growth, axis, r_air, dr_air)
         return gap, eta, push, NO_AXIS

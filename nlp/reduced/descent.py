@@ -117,8 +117,8 @@ class StepModel(NamedTuple):
 @njit(cache=True)
 def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Flags, rho: float) -> Evaluation:
     """Return the reduced problem at x with its active load cases; mu warm-starts the search for the inputs."""
-    N, m, K, n = len(x), len(problem.rows.lower), len(problem.cases.weight), len(problem.tree.parent)
-    pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, n * len(problem.rotors.forces)))
+    N, m, K = len(x), len(problem.rows.lower), len(problem.cases.weight)
+    pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, len(problem.rotors.forces)))
     V = effort(problem, pose, active, rho, duals, u, dV)
     g, J, is_near, gradients = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
     clearances(problem, pose, g, gradients, np.zeros((problem.rows.rods, 2)))

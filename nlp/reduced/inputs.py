@@ -236,14 +236,14 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
 def rotor_wrenches(problem: ReducedProblem, pose: ReducedPlatform) -> Array:
     """Return the wrench of each rotor at unit input, A transposed, shape (r n, 6)."""
     R, centres, forces, torques = pose.R, pose.o, problem.rotors.forces, problem.rotors.torques
-    m, rotors = problem.rotors.bodies + problem.rotors.m_E, len(forces)
-    A = np.empty((rotors * len(R), 6))
+    m, rotors = problem.rotors.bodies + problem.rotors.m_E, len(forces) // len(R)
+    A = np.empty((len(forces), 6))
     for i in range(len(R)):
         for q in range(rotors):
-            j, (x, y, z) = rotors * i + q, rotate(R, i, row(forces, q))
+            j, (x, y, z) = rotors * i + q, rotate(R, i, row(forces, rotors * i + q))
             A[j, 0], A[j, 1], A[j, 2] = f = x / m, y / m, z / m
             lever = cross(row(centres, i), f)
-            A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, q)))
+            A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, j)))
     return A
 
 

@@ -215,7 +215,7 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, mi
         root,
         alpha,
         tip,
-        u[minimum.active].reshape(-1, n, task.module.rotor_table.count) * unit.input,
+        u[minimum.active].reshape(-1, n, task.rotors_per_module) * unit.input,
     )
 
 

@@ -91,7 +91,7 @@ def _speed_rows(
         J: increased by the Jacobian, shape (m, N).
         is_near: output: mask of rows that have a gradient, shape (m,).
     """
-    rotors, n, r = problem.rotors, len(pose.p), len(problem.rotors.forces)
+    rotors, n, r = problem.rotors, len(pose.p), len(problem.rotors.forces) // len(pose.p)
     cases, first = air.case[-1] + 1, len(g) - len(air.case)
     points, jet, A = len(air.case) // cases, air.jet, rotor_wrenches(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)

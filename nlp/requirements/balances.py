@@ -46,21 +46,22 @@ def wrench_residuals(point: Point) -> Array:
 
 def wrench_matrix(point: Point) -> Array:
     """Return A: force [N] and torque about W's origin [N m] of every rotor at unit input, shape (6, r n)."""
-    module, (R, p) = point.task.module, point.poses
-    table = module.rotor_table
-    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * table.positions)
-    thrust_axis = np.einsum("iab,qb->iqa", R, table.axes)
-    k_f = module.thrust_coefficient * table.gains[:, None]
-    torque = k_f * cross(rotors, thrust_axis)
-    torque += table.drags[:, None] * module.torque_coefficient * thrust_axis
-    columns = np.concatenate([k_f * thrust_axis, torque], axis=-1)
+    columns = np.zeros((point.topology.n, point.task.rotors_per_module, 6))
+    for module, R, p, of_module in zip(point.task.modules_of_nodes, *point.poses, columns, strict=True):
+        table, r = module.rotor_table, module.rotor_table.count
+        rotors = p + np.einsum("ab,qb->qa", R, module.arm_length * table.positions)
+        thrust_axis = np.einsum("ab,qb->qa", R, table.axes)
+        k_f = module.thrust_coefficient * table.gains[:, None]
+        torque = k_f * cross(rotors, thrust_axis)
+        torque += table.drags[:, None] * module.torque_coefficient * thrust_axis
+        of_module[:r] = np.concatenate([k_f * thrust_axis, torque], axis=-1)
     return columns.reshape(-1, 6).T
 
 
 def inertia(point: Point) -> Array:
     """Return the inertia about the COM, shape (3, 3) [kg m^2]."""
     module, (R, p) = point.task.module, point.poses
-    carried = masses(module, point.task.end_effector, point.topology)
+    carried = masses(point.task, point.topology)
     centres = p + module.arm_length * np.einsum("iab,ib->ia", R[:, :, :2], carried.centres)
     arms, unit = np.vstack([centres, point.tip]) - point.p_COM, module.mass * module.arm_length**2
     kg = np.append(module.mass * carried.modules, carried.tip_kg)
@@ -105,9 +106,10 @@ def variable_bounds(
 def running_rotors(task: ResolvedTask) -> Array:
     """Return the factor on the input limits of each rotor in each load case, shape (K, r n).
 
-    It is 1 unless the rotor has a limit of its own; 0 for a dead one, which is exempt from the minimum input.
+    It is 1 unless the rotor has a limit of its own; 0 for a dead one, which is exempt from the minimum input, and
+    for one that a module lacks.
     """
-    alive = np.tile(task.module.input_shares(task.gravity), (len(task.load_cases), task.n))
+    alive = np.tile(task.input_shares.ravel(), (len(task.load_cases), 1))
     for k, dead in enumerate(task.dead_rotors):
         if dead is not None:
             alive[k, dead] = 0.0

@@ -5,6 +5,7 @@ Each is a function of local vectors, symbolic or numeric, and provides its rows 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ from nlp.numbers.geometry import Ball, Swept
 from nlp.requirements.row_kinds import EnvelopeBody, JetBody, PartsBody, RodBody
 from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, LocalVector
 from nlp.units import Units
-from topo_search.model import AirflowEnvelope, ResolvedTask, Vector
+from topo_search.model import AirflowEnvelope, Module, ResolvedTask, Vector
 
 MIN_ROD_LENGTH = 1e-9
 """Length of a rod below which it has no direction [l_arm]."""
@@ -31,17 +32,17 @@ class Air(NamedTuple):
     growth: float
 
     @classmethod
-    def of(cls, task: ResolvedTask) -> Air:
-        """Return the envelope that other modules keep out of."""
-        return cls._in_units(task, task.module.envelope)
+    def of(cls, task: ResolvedTask, module: Module) -> Air | None:
+        """Return the envelope that other modules keep out of; None without rotors."""
+        return cls._in_units(task, module.envelope) if module.rotor_table.count else None
 
     @classmethod
-    def at_regions(cls, task: ResolvedTask) -> dict[int | None, Air | RotorJet]:
+    def at_regions(cls, task: ResolvedTask, module: Module) -> dict[int | None, Air | RotorJet]:
         """Return the envelopes of a module that keep out of regions, by rotor; by None if one is for all."""
-        airs, unit = task.module.region_envelopes, Units.of(task).length
+        airs, unit = module.region_envelopes, Units.of(task).length
         sizes = [cls._in_units(task, air) for air in airs]
-        if not task.module.rotor_table.has_own_jets:
-            return {None: sizes[0]}
+        if not module.rotor_table.has_own_jets:
+            return dict.fromkeys([None] if sizes else [], *sizes)
         jets = (
             RotorJet(*size, divide(air.origin, unit), air.upstream) for size, air in zip(sizes, airs, strict=True)
         )
@@ -138,14 +139,23 @@ class PartBalls:
 
     balls: tuple[tuple[Vector, float], ...]
     """Centres in the module's frame, and radii [l_arm]."""
+    first: int
+    """Number of the first of them, among those of all types of module."""
     local_vectors = (FROM_TIP, X_I, Y_I, Z_I)
-    search_body = PartsBody()
 
     @classmethod
-    def of(cls, task: ResolvedTask) -> PartBalls:
-        """Return the balls of a task's module."""
-        cover, unit = task.part_cover, Units.of(task).length
-        return cls(tuple((divide(o, unit), r / unit) for o, r in zip(cover.centres, cover.radii, strict=True)))
+    def of(cls, task: ResolvedTask, module: Module) -> PartBalls:
+        """Return the balls of a module."""
+        covers, unit = {kind: task.part_cover(kind) for kind in task.types}, Units.of(task).length
+        first = sum(len(covers[kind].radii) for kind in task.types[: task.types.index(module)])
+        balls = zip(*covers[module], strict=True)
+        return cls(tuple((divide(o, unit), r / unit) for o, r in balls), first)
+
+    @property
+    def search_body(self) -> PartsBody:
+        """The body of the compiled search."""
+        reach = max(math.sqrt(x * x + y * y + z * z) + radius for (x, y, z), radius in self.balls)
+        return PartsBody(self.first, self.first + len(self.balls), reach)
 
     def solids(self, y: Sequence[Any]) -> list[Swept]:
         """Return the balls, symbolic or for m modules each."""

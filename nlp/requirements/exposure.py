@@ -20,6 +20,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from itertools import product
 
 import casadi as ca
 import numpy as np
@@ -32,7 +33,16 @@ from nlp.requirements.bodies import Air, AnyBody, PartBalls, divide
 from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
-from topo_search.model import LEAST_OFFSET, AnyExposure, Array, ResolvedTask, Vector, needs_offset, segment_of
+from topo_search.model import (
+    LEAST_OFFSET,
+    AnyExposure,
+    Array,
+    Module,
+    ResolvedTask,
+    Vector,
+    needs_offset,
+    segment_of,
+)
 from topo_search.model.exposure import solid_name
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 
@@ -233,9 +243,10 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     if task.exclusion_radius is not None:
         exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, row_kinds.TipObstacle)
         yield Requirement(7, lambda i, *_: f"end-effector exclusion of module {i}", subjects, (exclusion,), margin)
-    if task.tip_radius is not None:
-        tip = RegionClearance(Air.of(task), CapsuleRegion(task.tip_radius / unit))
-        yield Requirement(8, lambda i, *_: f"end-effector and airflow of module {i}", subjects, (tip,), margin)
+    for module, alike in _modules_by_kind(task).items():
+        if task.tip_radius is not None and (air := Air.of(task, module)) is not None:
+            tip = RegionClearance(air, CapsuleRegion(task.tip_radius / unit))
+            yield Requirement(8, lambda i, *_: f"end-effector and airflow of module {i}", alike, (tip,), margin)
 
 
 def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
@@ -248,17 +259,24 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
             to_formula(shape, body, unit, segment_of(exposure, k)) for k, shape in enumerate(exposure.shapes)
         )
 
-    for number, exposure in enumerate(task.exposure):
+    for (number, exposure), (module, alike) in product(enumerate(task.exposure), _modules_by_kind(task).items()):
         if exposure.geometry:
-            for rotor, air in Air.at_regions(task).items():
+            for rotor, air in Air.at_regions(task, module).items():
                 name = partial(names.exposure, number, exposure, rotor)
-                yield Requirement(9, name, subjects, formulas(exposure, air), margin)
+                yield Requirement(9, name, alike, formulas(exposure, air), margin)
         if exposure.solid:
-            parts = formulas(exposure, PartBalls.of(task))
-            yield Requirement(9, partial(_solid_name, number, exposure.contact), subjects, parts, margin)
+            parts = formulas(exposure, PartBalls.of(task, module))
+            yield Requirement(9, partial(_solid_name, number, exposure.contact), alike, parts, margin)
     if any(needs_offset(exposure) for exposure in task.exposure):
         offset = Distance(FROM_COM, LEAST_OFFSET, row_kinds.OffsetObstacle)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
+
+
+def _modules_by_kind(task: ResolvedTask) -> dict[Module, Subjects]:
+    """Return the modules of a kind, in order."""
+    modules = task.modules_of_nodes
+    kinds = {module: [i for i, other in enumerate(modules) if other == module] for module in dict.fromkeys(modules)}
+    return {module: np.repeat(np.array(alike)[:, None], 2, axis=1) for module, alike in kinds.items()}
 
 
 def _all_modules(n: int) -> Subjects:

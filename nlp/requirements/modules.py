@@ -1,7 +1,7 @@
 """Clearances between modules: airflow, bodies, parts out of airflow; (4) to (6) of the printed problem."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
 
@@ -26,7 +26,7 @@ NEAR_PARTS = 0.3
 """Clearance of parts and the airflow of an unbolted module below which a round has a row for them [l_arm].
 
 If envelopes must not merge, few parts of an otherwise feasible design come that close, so most rounds need no more
-rows than these. If they may merge, NEAR_ENVELOPE is used instead.
+rows than these. If they may merge, or a module has none, NEAR_ENVELOPE is used instead.
 """
 
 
@@ -60,26 +60,39 @@ class AirflowClearance:
 
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (SearchRow(self.body.search_body, AirflowObstacle()),)
+        return (SearchRow(self.body.search_body, AirflowObstacle(*self.air)),)
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
     """Yield (4), (5) and (6): without (4) if envelopes may merge; in the ablation only (5), for all pairs."""
-    unit, air = Units.of(task).length, Air.of(task)
+    unit, airs = Units.of(task).length, [Air.of(task, module) for module in task.modules_of_nodes]
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
     airflow, ablation = (task.search.interference == rule for rule in ("airflow", "separation"))
     if airflow:
-        yield Requirement(4, names.airflow, _pairs(pairs), (AirflowClearance(air, air),), margin, NEAR_ENVELOPE)
+        for group, formula in _clearances(pairs, airs, airs):
+            yield Requirement(4, names.airflow, group, (formula,), margin, NEAR_ENVELOPE)
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
         separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
-        formula = Distance(FROM_J, distance / unit, ModuleObstacle)
-        for enough, group in groupby(separated, lambda pair: _centre_margin(task, int(topology.distances[pair]))):
-            yield Requirement(5, names.separation, _pairs(list(group)), (formula,), enough / unit)
+        centres = Distance(FROM_J, distance / unit, ModuleObstacle)
+        for enough, alike in groupby(separated, lambda pair: _centre_margin(task, int(topology.distances[pair]))):
+            yield Requirement(5, names.separation, _pairs(list(alike)), (centres,), enough / unit)
     if task.parts_off_airflow:
-        parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
-        near = NEAR_PARTS if airflow else NEAR_ENVELOPE
-        yield Requirement(6, names.rotor_airflow, _pairs(pairs), parts, margin, near)
+        parts = [PartBalls.of(task, module) for module in task.modules_of_nodes]
+        for group, formula in _clearances(topology.unbolted, parts, airs):
+            near = NEAR_PARTS if airflow and airs[group[0, 0]] is not None else NEAR_ENVELOPE
+            yield Requirement(6, names.rotor_airflow, group, (formula,), margin, near)
+
+
+def _clearances(
+    pairs: Iterable[tuple[int, int]], bodies: Sequence[Air | PartBalls | None], airs: Sequence[Air | None]
+) -> Iterator[tuple[Subjects, AirflowClearance]]:
+    """Yield the pairs of modules with one clearance, and that clearance of a body from an envelope, if both are."""
+    groups = dict[AirflowClearance, list[tuple[int, int]]]()
+    for i, j in pairs:
+        if (body := bodies[i]) is not None and (air := airs[j]) is not None:
+            groups.setdefault(AirflowClearance(body, air), []).append((i, j))
+    yield from ((_pairs(group), formula) for formula, group in groups.items())
 
 
 def _centre_margin(task: ResolvedTask, hinges: int) -> float:
@@ -92,7 +105,7 @@ def _centre_margin(task: ResolvedTask, hinges: int) -> float:
     search, errors, distance = task.search, task.tolerances, task.centre_distance
     if search.centre_margin is None or distance is None:
         return search.margin
-    arms = (hinges**2 + 1) // 2 * task.module.connector_distance + hinges * distance / 2
+    arms = (hinges**2 + 1) // 2 * task.longest_connector + hinges * distance / 2
     taken = 2 * errors.position + math.radians(errors.hinge_angle_deg) * arms
     return min(search.margin, search.centre_margin + taken)
 

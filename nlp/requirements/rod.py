@@ -118,12 +118,12 @@ class RodClearance(RegionClearance):
 class LimitOfBestRod:
     """One limit of the rod from the best free connector."""
 
-    l_c: float
-    """[l_arm]"""
     free: tuple[tuple[int, int], ...]
     """Free connectors: index of the module in the subject, and port."""
-    limits: tuple[Formula, ...]
-    """Limits of a rod as functions of q, e and, for some, p_E."""
+    l_c: tuple[float, ...]
+    """Their distances from the modules' centres [l_arm]."""
+    limits: tuple[tuple[Formula, ...], ...]
+    """Limits of each one's rod as functions of q, e and, for some, p_E."""
     segment: int
     """Index of the limit."""
 
@@ -131,16 +131,17 @@ class LimitOfBestRod:
     def local_vectors(self) -> tuple[LocalVector, ...]:
         """Return q and e of every free connector, then p_E if a limit depends on it."""
         rods = [vector for i, port in self.free for vector in _from_connector(i, port)]
-        return (*rods, *([FROM_COM] if any(len(limit.local_vectors) > 2 for limit in self.limits) else []))
+        return (*rods, *([FROM_COM] if any(len(limit.local_vectors) > 2 for limit in self.limits[0]) else []))
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the mean over all connectors, weighted towards those whose rods clear all limits the most."""
         p_E = y[2 * len(self.free) :]
         rods = [[*y[2 * k : 2 * k + 2], *p_E] for k in range(len(self.free))]
-        gaps = [self.limits[self.segment].smooth(rod, beta) for rod in rods]
+        gaps = [limits[self.segment].smooth(rod, beta) for limits, rod in zip(self.limits, rods, strict=True)]
         if len(rods) == 1:
             return gaps[0]
-        smallest = [ca.mmin(ca.vertcat(*(limit.smooth(rod, beta) for limit in self.limits))) for rod in rods]
+        all_gaps = [[limit.smooth(rod, beta) for limit in own] for own, rod in zip(self.limits, rods, strict=True)]
+        smallest = [ca.mmin(ca.vertcat(*of_rod)) for of_rod in all_gaps]
         best = ca.mmax(ca.vertcat(*smallest))
         weights = [ca.exp(beta * (gap - best)) for gap in smallest]
         total = ca.sum1(ca.vertcat(*weights))
@@ -158,9 +159,12 @@ class LimitOfBestRod:
         """
         split = 2 * len(self.free)
         q, e = np.concatenate(y[0:split:2]), np.concatenate(y[1:split:2])
-        gaps = np.stack([limit.exact([q, e, *y[split:]]) for limit in self.limits], axis=1)
+        gaps = np.empty((len(self.free), len(self.limits[0])))
+        for limits in dict.fromkeys(self.limits):
+            alike = [k for k, own in enumerate(self.limits) if own is limits]
+            gaps[alike] = np.stack([limit.exact([q[alike], e[alike], *y[split:]]) for limit in limits], axis=1)
         violations = np.maximum(0.0, margin - gaps.min(axis=1))
-        lengths = np.linalg.norm(q + self.l_c * e, axis=1)
+        lengths = np.linalg.norm(q + np.array(self.l_c)[:, None] * e, axis=1)
         # rounded as in the audit, so that a design and its mirror image choose the same connector
         return int(np.lexsort((np.round(lengths, 9), np.round(violations, 9)))[0]), gaps
 
@@ -168,8 +172,8 @@ class LimitOfBestRod:
         """Return the rows of every connector; only those of the best one apply."""
         found = []
         for number, (i, port) in enumerate(self.free):
-            connector = divide(self.l_c * PORT_DIRECTIONS[port], 1.0)
-            for rod, obstacle, _ in self.limits[self.segment].search_rows():
+            connector = divide(self.l_c[number] * PORT_DIRECTIONS[port], 1.0)
+            for rod, obstacle, _ in self.limits[number][self.segment].search_rows():
                 assert isinstance(rod, RodBody)
                 found.append(SearchRow(rod._replace(number=number, connector=connector), obstacle, i))
         return tuple(found)
@@ -200,19 +204,34 @@ class BestRod(Requirement):
         i, port = first.free[best]
         near_limits = [
             limit
-            for limit, gap in zip(first.limits, gaps[best], strict=True)
+            for limit, gap in zip(first.limits[best], gaps[best], strict=True)
             if gap < self.near or isinstance(limit, WithinReach)
         ]
-        formulas = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near_limits)
+        rod = replace(first, free=((0, port),), l_c=(first.l_c[best],), segment=0)
+        formulas = tuple(replace(rod, limits=((limit,),)) for limit in near_limits)
         return Requirement(self.equation, self.name, np.array([[i, i]]), formulas, self.margin)
 
 
 @lru_cache(maxsize=16)
 def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...]:
     """Return the limits of the rod, if it has any."""
-    unit, n = Units.of(task).length, topology.n
-    l_c, margin = task.module.connector_distance / unit, task.search.margin / unit
-    limits = dict[str, Formula]()
+    free, unit = connectors(task, topology), Units.of(task).length
+    l_c = tuple((task.connector_distances[[i for i, _ in free]] / unit).tolist())
+    all_limits = {distance: _limits(task, topology.n, distance) for distance in dict.fromkeys(l_c)}
+    (limits, margin), *_ = all_limits.values()
+    if not limits:
+        return ()
+    limit_names, by_rod = tuple(limits), {d: tuple(own.values()) for d, (own, _) in all_limits.items()}
+    of_rods = tuple(by_rod[distance] for distance in l_c)
+    formulas = tuple(LimitOfBestRod(free, l_c, of_rods, k) for k in range(len(limits)))
+    subjects = np.arange(max(topology.n, 2))[None]  # at least i and j
+    return (BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT),)
+
+
+def _limits(task: ResolvedTask, n: int, l_c: float) -> tuple[dict[str, Formula], float]:
+    """Return the limits of the rod from a connector at a distance l_c, by name, and their margin [l_arm]."""
+    unit, limits = Units.of(task).length, dict[str, Formula]()
+    margin = task.search.margin / unit
     if (largest := task.largest_reach(n)) is not None:
         limits[names.ROD] = WithinReach(l_c, largest / unit)
     if (axis := task.rod_axis) is not None:
@@ -231,12 +250,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> tuple[BestRod, ...
                 name = f"the end-effector's rod and {solid_name(number, segment, exposure.contact)}"
                 limits[name] = RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment)
                 margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
-    if not limits:
-        return ()
-    free, all_limits, limit_names = connectors(task, topology), tuple(limits.values()), tuple(limits)
-    formulas = tuple(LimitOfBestRod(l_c, free, all_limits, k) for k in range(len(limits)))
-    subjects = np.arange(max(n, 2))[None]  # at least i and j
-    return (BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT),)
+    return limits, margin
 
 
 def rod_of(point: Point) -> Connector | None:

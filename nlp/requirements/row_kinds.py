@@ -49,6 +49,13 @@ class RodBody(NamedTuple):
 class PartsBody(NamedTuple):
     """The balls around the parts of module i."""
 
+    first: int
+    """Number of the first ball."""
+    end: int
+    """One past the last."""
+    reach: float
+    """Largest distance of a point of a ball from the module's centre [l_arm]."""
+
 
 class ModuleObstacle(NamedTuple):
     """The centre of module j."""
@@ -58,7 +65,12 @@ class ModuleObstacle(NamedTuple):
 
 
 class AirflowObstacle(NamedTuple):
-    """The airflow envelope of module j."""
+    """The airflow envelope of module j [l_arm]."""
+
+    length: float
+    radius: float
+    """Start radius."""
+    growth: float
 
 
 class TipObstacle(NamedTuple):

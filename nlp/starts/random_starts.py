@@ -82,11 +82,11 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
             half_angle = math.radians(cone.half_angle_deg) if cone is not None and to_com else None
             alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
-    R, _ = geometry.poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    R, _ = geometry.poses(topology, np.eye(3), alpha, task.connector_distances)
     upright, yaw = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if not task.search.root_ranges:
         yaw = rng.uniform(-np.pi, np.pi)
-    origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
+    origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, task.rotors_per_module))
 
     def start_at(angle: float) -> Point:
         root = root_of(task, geometry.rotation(_unit(mean_force(task)), angle) @ upright)
@@ -132,7 +132,7 @@ def _apex(start: Point, cone: Cone) -> Array:
     """Return p'_E: upstream of the rotors, just far enough for its cone to contain all airflow."""
     task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
     centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
-    airflow = geometry.envelopes(task.module.region_envelopes, *start.poses)
+    airflow = geometry.envelopes([module.region_envelopes for module in task.modules_of_nodes], *start.poses)
     reach = geometry.cone_reach(airflow, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
     clear = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin

@@ -82,7 +82,7 @@ def draw_starts(
 
 
 @njit(cache=True)
-def place_starts(tree: Tree, l_c: float, lower: Array, upper: Array, data: StartData, random: Array) -> Array:
+def place_starts(tree: Tree, l_c: Array, lower: Array, upper: Array, data: StartData, random: Array) -> Array:
     """Return the unknowns of a start for each row of random numbers."""
     x = np.empty((len(random), len(lower)))
     for k in range(len(random)):
@@ -92,7 +92,7 @@ def place_starts(tree: Tree, l_c: float, lower: Array, upper: Array, data: Start
 
 @njit(cache=True, inner=True)
 def _place_start(
-    tree: Tree, l_c: float, lower: Array, upper: Array, data: StartData, random: Array, x: Array
+    tree: Tree, l_c: Array, lower: Array, upper: Array, data: StartData, random: Array, x: Array
 ) -> None:
     """Compute the unknowns of a start from random numbers: for yaw and hinges, and for the end-effector."""
     n = len(tree.parent)

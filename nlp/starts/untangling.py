@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.geometry import allowed_folds, cone_reach, envelopes, largest_turn, nearest_angles, poses, signs
-from nlp.requirements.bodies import Air
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.statement import Distance
 from nlp.starts.tabu_search import PreorderTree, Rules, TreePoses, straighten, tabu_search
@@ -60,7 +59,7 @@ def untangle(
     Without leeway pairs may touch, and angles without overlaps are returned unchanged.
     """
     order = _preorder(topology)
-    l_c = task.module.connector_distance / task.module.arm_length
+    l_c = task.connector_distances / task.module.arm_length
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR if leeway else 0.0)
     angles = np.concatenate([[0.0], alpha])[order]
     platform = _platform(topology, alpha, l_c, order)
@@ -87,7 +86,7 @@ def shorten_lever(
         rng: random generator.
     """
     order = _preorder(topology)
-    l_c = task.module.connector_distance / task.module.arm_length
+    l_c = task.connector_distances / task.module.arm_length
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR)
 
     def repair(alpha: Array) -> tuple[float, Array]:
@@ -114,12 +113,13 @@ def shorten_lever(
 
 def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: float | None) -> float:
     """Return the lever l of hinge angles [m]."""
-    R, p = poses(topology, np.eye(3), alpha, task.module.connector_distance)
+    R, p = poses(topology, np.eye(3), alpha, task.connector_distances)
     thrust = R[:, :, 2].sum(axis=0)
     lift = max(float(np.linalg.norm(thrust)), 1e-9)
-    reach = task.module.connector_distance
+    reach = task.longest_connector
     if half_angle is not None:
-        reach = cone_reach(envelopes(task.module.region_envelopes, R, p), p.mean(axis=0), thrust / lift, half_angle)
+        airs = [module.region_envelopes for module in task.modules_of_nodes]
+        reach = cone_reach(envelopes(airs, R, p), p.mean(axis=0), thrust / lift, half_angle)
     return topology.n * reach / lift
 
 
@@ -153,12 +153,12 @@ def _tree(topology: Topology, order: list[int]) -> PreorderTree:
     return PreorderTree(parent, end, np.concatenate([[0.0], signs(topology)])[order])
 
 
-def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> TreePoses:
+def _platform(topology: Topology, alpha: Array, l_c: Array, order: list[int]) -> TreePoses:
     """Return the poses of modules and hinges, in preorder; lengths in the unit of l_c."""
     R, p = poses(topology, np.eye(3), alpha, l_c)
     c, omega = np.zeros_like(p), R[:, :, 0].copy()
     for h, i, a, _ in topology.edges():
-        c[i] = p[h] + l_c * R[h] @ PORT_DIRECTIONS[a]
+        c[i] = p[h] + l_c[h] * R[h] @ PORT_DIRECTIONS[a]
         omega[i] = R[h][:, 1 - a % 2]
     return TreePoses(*(np.ascontiguousarray(array[order]) for array in (p, R[:, :, 2], c, omega)))
 
@@ -167,20 +167,21 @@ def _rules(task: ResolvedTask, topology: Topology, required: float) -> Rules:
     """Return the clearances between modules that untangling enforces [l_arm].
 
     If envelopes must not merge, parts in airflow are left to Ipopt: few platforms that are clear otherwise have
-    any.
+    any. All modules count as the one with the longest airflow.
     """
+    largest = max((kind for kind in task.types if kind.rotor_table.count), key=lambda kind: kind.envelope.length)
     kind, unit = task.search.interference, Units.of(task).length
     formulas = (formula for requirement in module_clearances(task, topology) for formula in requirement.formulas)
     min_distance = max((f.minimum for f in formulas if isinstance(f, Distance)), default=-math.inf)
-    length, start_radius, growth = Air.of(task)
-    balls = np.column_stack(task.part_cover) / unit
+    air = largest.envelope
+    balls = np.column_stack(task.part_cover(largest)) / unit
     return Rules(
         required=required,
         airflow=kind == "airflow",
         balls=balls if kind == "parts" else balls[:0],
-        length=length,
-        start_radius=start_radius,
-        growth=growth,
+        length=air.length / unit,
+        start_radius=air.start_radius / unit,
+        growth=air.growth / unit,
         min_distance=min_distance,
         bolted_pairs=kind == "separation",
         turn=largest_turn(task),

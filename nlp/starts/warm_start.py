@@ -50,12 +50,12 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     position from that subtree or from the modules' centroid, whichever has the smaller violation; the latter keeps
     the lever of the load cases' forces.
     """
-    l_c = task.module.connector_distance
+    l_c = task.connector_distances
     R_source, p_source = poses(
         source.topology,
         root_rotation(source.root_orientation_rad),
         np.array(source.hinge_angles_rad),
-        source.task.module.connector_distance,
+        source.task.connector_distances,
     )
     parts = common_subtrees(topology, source.topology)
     part_of = {i: number for number, part in enumerate(parts) for i in part}
@@ -83,7 +83,7 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     positions = [from_subtree, p.mean(axis=0) + tip_source - p_source.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
         positions = [fixed_end_effector(task, topology, root, alpha)]
-    no_inputs = np.empty((len(task.load_cases), topology.n, task.module.rotor_table.count))
+    no_inputs = np.empty((len(task.load_cases), topology.n, task.rotors_per_module))
     points = [with_inputs(Point(task, topology, root, alpha, tip, no_inputs)) for tip in positions]
     return min(points, key=lambda point: worst(violations(point)).rank)
 

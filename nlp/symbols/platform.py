@@ -11,7 +11,7 @@ r"""Symbolic poses, wrenches, masses and inertia of a platform (paper, Sec. II).
 
     R_{root} = R_z(\psi) R_x(\alpha_0) R_y(\alpha_1), \qquad p_{root} = 0
 
-    R_i = R_h H_a(\alpha_i) R_z(\kappa \pi/2), \qquad p_i = p_h + l_c R_h e_a + l_c R_h H_a(\alpha_i) e_a
+    R_i = R_h H_a(\alpha_i) R_z(\kappa \pi/2), \qquad p_i = p_h + l_{c,h} R_h e_a + l_{c,i} R_h H_a(\alpha_i) e_a
 
 with H_a = Ry for ports on the x axis and Rx for ports on the y axis, kappa = (a + 2 - b) mod 4.
 
@@ -20,7 +20,7 @@ Wrenches of the rotors and of load cases:
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | u_iq | squared speed of rotor q = 1..r of module i | scalar | u_hover |
-| F_i | force of module i, in its own frame, sum_q u_iq a_q / r | (3,) | m g |
+| F_i | force of module i, in its own frame, sum_q u_iq a_q / r with r rotors of [module] | (3,) | m g |
 | m_i | torque of module i about its centre, in its own frame | (3,) | l_arm m g |
 | delta_q, a_q | position and axis of a rotor in the module frame | (3,) each | l_arm, - |
 
@@ -41,10 +41,10 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from nlp.numbers.geometry import QUARTER_TURNS, force_map, torque_map
+from nlp.numbers.geometry import QUARTER_TURNS, rotor_maps
 from nlp.numbers.masses import TINY, Masses, RigidBody, RodMass, masses
 from nlp.units import Units
-from topo_search.model import PORT_DIRECTIONS, EndEffector, LoadCase, Module, Topology, Vector
+from topo_search.model import PORT_DIRECTIONS, LoadCase, Module, ResolvedTask, Topology, Vector
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,14 @@ def Rz(angle: ca.SX) -> ca.SX:
     return ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pose]:
+def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: Sequence[float]) -> list[Pose]:
     """Return the poses of all modules, in module order.
 
     Args:
         topology: the tree.
         root: psi, alpha_0, alpha_1 [rad].
         alpha: hinge angles of the modules 1..n-1 [rad].
-        l_c: module centre to connector, in the unit of length of the result.
+        l_c: distances from the modules' centres to their connectors, in the unit of length of the result.
     """
     psi, alpha_0, alpha_1 = root[0], root[1], root[2]
     result = [Pose(R=Rz(psi) @ Rx(alpha_0) @ Ry(alpha_1), p=ca.SX.zeros(3))]
@@ -93,18 +93,18 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
         parent, e_a = result[h], ca.DM(PORT_DIRECTIONS[a])
         hinge = Ry(alpha[i - 1]) if a % 2 == 0 else Rx(alpha[i - 1])
         R_hinge = parent.R @ hinge
-        p_i = parent.p + l_c * (parent.R @ e_a) + l_c * (R_hinge @ e_a)
+        p_i = parent.p + l_c[h] * (parent.R @ e_a) + l_c[i] * (R_hinge @ e_a)
         result.append(Pose(R=R_hinge @ ca.DM(QUARTER_TURNS[kappa]), p=p_i))
     return result
 
 
-def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module: Module) -> ca.SX:
+def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], task: ResolvedTask) -> ca.SX:
     """Return the wrench of every rotor at unit input, shape (6, r n), about the origin of positions [l_arm]."""
-    columns, forces, torques = [], ca.DM(force_map(module)), ca.DM(torque_map(module))
-    for R, p in zip(orientations, positions, strict=True):
-        turned = R @ forces
+    columns = []
+    for R, p, forces, torques in zip(orientations, positions, *rotor_maps(task), strict=True):
+        turned = R @ ca.DM(forces)
         levers = [ca.cross(p, force) for force in ca.horzsplit(turned)]
-        columns.append(ca.vertcat(turned, R @ torques + ca.horzcat(*levers)))
+        columns.append(ca.vertcat(turned, R @ ca.DM(torques) + ca.horzcat(*levers)))
     return ca.horzcat(*columns)
 
 
@@ -122,17 +122,15 @@ def scale(vector: Vector, unit: float) -> ca.SX:
     return ca.SX(ca.DM(vector)) / unit
 
 
-def tip_and_com(
-    module: Module, end_effector: EndEffector, topology: Topology, modules: list[Pose], tip: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def tip_and_com(task: ResolvedTask, topology: Topology, modules: list[Pose], tip: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Return p'_E and p_COM [l_arm]; `tip` is p'_E if the task leaves it free."""
-    carried, position = masses(module, end_effector, topology), end_effector.fixed_position
+    carried, position = masses(task, topology), task.end_effector.fixed_position
     B = ca.SX.zeros(3)
     for pose, M, d in zip(modules, carried.modules, carried.centres, strict=True):
         B += M * (pose.p + pose.R[:, :2] @ ca.DM(d))
     B /= carried.bodies
     if position is not None:
-        tip = B + carried.lever * (ca.SX(ca.DM(position)) / module.arm_length)
+        tip = B + carried.lever * (ca.SX(ca.DM(position)) / task.module.arm_length)
     return tip, (carried.tip * tip + carried.bodies * B) / carried.total
 
 
@@ -141,9 +139,9 @@ def point_inertia(o: ca.SX) -> ca.SX:
     return ca.dot(o, o) * ca.DM.eye(3) - o @ o.T
 
 
-def module_inertia(R: ca.SX, module: Module) -> ca.SX:
-    """Return the inertia of a module without joints about its centre."""
-    return R @ (ca.diag(ca.DM(module.inertia)) / (module.mass * module.arm_length**2)) @ R.T
+def module_inertia(R: ca.SX, module: Module, unit: Module) -> ca.SX:
+    """Return the inertia of a module without joints about its centre, in units of [module]'s mass and arm."""
+    return R @ (ca.diag(ca.DM(module.inertia)) / (unit.mass * unit.arm_length**2)) @ R.T
 
 
 def body_inertia(o: ca.SX, R: ca.SX, body: RigidBody) -> ca.SX:

@@ -163,10 +163,13 @@ class _Numbering:
     @classmethod
     def draw(cls, task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> _Numbering:
         """Return a random platform; all load cases have the same inputs, since a mirror may swap cases."""
-        n, l_c = topology.n, task.module.connector_distance
+        n, l_c = topology.n, task.connector_distances
         R, p = poses(topology, root_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1.0, 1.0, n - 1), l_c)
-        u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, task.module.rotor_table.count))
-        return cls(task, Topology(topology.joints), R, p - p.mean(axis=0), rng.normal(size=3), u)
+        u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, task.rotors_per_module))
+        u *= task.input_shares > 0
+        return cls(
+            task, Topology(topology.joints, types=topology.types), R, p - p.mean(axis=0), rng.normal(size=3), u
+        )
 
     def renumber(self, root: int, turns: int) -> _Numbering:
         """Return the platform numbered from module `root`, with the axes of that module turned by quarter turns."""
@@ -178,7 +181,8 @@ class _Numbering:
             a = (ports[h] - turns) % 4 if h == root else ports[h]
             joints.append((order.index(h), a, ports[i]))
             order.append(i)
-        unsorted = Topology(tuple(joints))
+        types = tuple(self.topology.types[i] for i in order if self.topology.types)
+        unsorted = Topology(tuple(joints), types=types)
         topology = Topology.from_key(unsorted.key)
         # the key has modules in preorder, each attached by the port opposite to its parent's
         source_index, t = {0: 0}, {0: turns}
@@ -191,19 +195,23 @@ class _Numbering:
         modules = [order[source_index[i]] for i in range(topology.n)]
         turned = [rotation([0, 0, 1], t[i] * np.pi / 2) for i in range(len(modules))]
         R = np.array([self.R[m] @ turn for m, turn in zip(modules, turned, strict=True)])
-        rotors = self.task.module.rotor_table
-        u = np.array([self.u[m][rotors.images(turn)] for m, turn in zip(modules, turned, strict=True)])
-        return _Numbering(self.task, topology, R, self.o[modules], self.p_E, u)
+        u = np.array([self._moved_inputs(m, turn) for m, turn in zip(modules, turned, strict=True)])
+        return _Numbering(self.task.on(topology), topology, R, self.o[modules], self.p_E, u)
+
+    def _moved_inputs(self, m: int, Q: Array) -> Array:
+        """Return the inputs of a module turned or mirrored by Q, shape (r,)."""
+        rotors, u = self.task.modules_of_nodes[m].rotor_table, self.u[m].copy()
+        if rotors.count:
+            u[: rotors.count] = u[rotors.images(Q)]
+        return np.asarray(u)
 
     def mirror(self, O: Array) -> _Numbering:
         """Return the mirror image: the ports +y and -y of every module are swapped, and its rotors accordingly."""
         swap = (0, 3, 2, 1)
         joints = [(h, swap[a] if h >= 0 else a, swap[b] if h >= 0 else b) for h, a, b in self.topology.joints]
-        unsorted = Topology(tuple(joints))
-        R, u = (
-            np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR),
-            self.u[:, self.task.module.rotor_table.images(MIRROR)],
-        )
+        unsorted = Topology(tuple(joints), types=self.topology.types)
+        R = np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR)
+        u = np.array([self._moved_inputs(m, MIRROR) for m in range(len(R))])
         image = _Numbering(self.task, unsorted, R, self.o @ O.T, O @ self.p_E, u)
         return image.renumber(0, 0)
 

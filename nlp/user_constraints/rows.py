@@ -92,7 +92,7 @@ def _platform(task: ResolvedTask, topology: Topology, mount: Mount | None, **par
     rods = [
         parts["end_effector"]
         - parts["centres"][i]
-        - task.module.connector_distance * (parts["orientations"][i] @ ca.DM(PORT_DIRECTIONS[port]))
+        - task.connector_distances[i] * (parts["orientations"][i] @ ca.DM(PORT_DIRECTIONS[port]))
         for i, port in connectors
     ]
     nearest = rods[0]
@@ -134,7 +134,7 @@ class UserRows:
         first = self.x.numel() - self.task.rotor_count * len(self.task.load_cases)
         largest = np.full(self.x.numel(), 2.0)  # inputs: twice the hover input
         largest[: n + 2] = math.pi / 2
-        largest[n + 2 : first] = 2 * n * self.task.module.connector_distance / unit.length
+        largest[n + 2 : first] = 2 * n * self.task.longest_connector / unit.length
         kinds = [n + 2, first - n - 2, len(largest) - first]
         x = largest * np.repeat(10.0 ** rng.uniform(-2.0, 0.0, 3), kinds) * rng.uniform(-1.0, 1.0, len(largest))
         x[first:] = np.abs(x[first:])

@@ -124,6 +124,22 @@ def _sizes(context: click.Context, parameter: click.Parameter, value: str | None
     return match[1] if match[2] is None else f"[{match[1]}, {match[2]}]"
 
 
+def _counts(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[int, ...]:
+    """Convert `5,1` to numbers of modules."""
+    if value is None:
+        return ()
+    if not re.fullmatch(r"[1-9]\d{0,8}(,[1-9]\d{0,8}){0,25}", value):
+        rule = "must be 1 to 26 numbers of modules, each at least 1, separated by commas"
+        raise click.BadParameter(f"{rule}, but got {value!r}", context, parameter)
+    return tuple(map(int, value.split(",")))
+
+
+types = click.option(
+    "--types",
+    callback=_counts,
+    metavar="N,N,...",
+    help="Numbers of modules of each type: 5,1 for five of type a and one of type b.",
+)
 modules = click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")
 
 

@@ -82,20 +82,32 @@ def check(task: str, modules: str | None, settings: tuple[str, ...], paper: bool
 @options.choice("--symmetry", options.SYMMETRIES, "Symmetries under which trees count as one.", default="c2")
 @options.connectors
 @options.root
+@options.types
 @options.choice("--lattice", ["flat"], "Flat lattices, neighbours bolted and cycles allowed, instead of trees.")
 @options.as_json
 def topologies(
-    n: int, only_count: bool, size: int | None, seed: int, symmetry: Any, connectors: Any, root: Any, lattice: Any
+    n: int,
+    only_count: bool,
+    size: int | None,
+    seed: int,
+    symmetry: Any,
+    connectors: Any,
+    root: Any,
+    types: tuple[int, ...],
+    lattice: Any,
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
-    from topo_search.topologies import Family
+    from topo_search.topologies import family_of
     from topo_search.topologies.lattices import Lattices
 
-    if lattice and (n > LIMITS.lattice_modules or connectors == "any"):
-        rule = f"takes at most {LIMITS.lattice_modules} modules, with aligned connectors"
+    if lattice and (n > LIMITS.lattice_modules or connectors == "any" or types):
+        rule = f"takes at most {LIMITS.lattice_modules} modules, of one type and with aligned connectors"
         raise ts.BadInput("--lattice", rule)
-    kind = Lattices if lattice else Family
-    family = kind(n, symmetry=symmetry, connectors=connectors or "aligned", root=root or "free")
+    if types and sum(types) != n:
+        got = " + ".join(map(str, types))
+        raise ts.BadInput("--types", f"must add up to N = {n}, but got {got} = {sum(types)}")
+    names = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
+    family = Lattices(n, **names) if lattice else family_of(n, counts=types, **names)
     if only_count:
         click.echo(family.count())
         return

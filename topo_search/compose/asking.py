@@ -15,6 +15,7 @@ from topo_search.compose.binding import enclose_speed, envelope_of_speed
 from topo_search.compose.designs import audit, read_completed
 from topo_search.model import BadInput, Design, Fault, Module, Task
 from topo_search.model.air import EnvelopeAir, SpeedEnvelope
+from topo_search.model.features import ModuleType
 from topo_search.model.files import write_atomically
 from topo_search.model.flying import scaled_defaults
 from topo_search.model.html import heading, table
@@ -130,7 +131,7 @@ def airflow(task: Task | str | Path | None = None, *, speed: float, at: float | 
     """Enclose the air of one module that is at least as fast as a speed, by the jet model.
 
     Args:
-        task: provides the module: a task, its file, or the name of a shipped example; None: the default module.
+        task: its `[module]` is taken: a task, its file, or the name of a shipped example; None: the default module.
         speed: air speed [m/s], above 0.
         at: thrust of the module: "hover", "full", or its multiple of the module's weight.
 
@@ -260,9 +261,11 @@ def _requirements(task: Task, *, plausible: bool) -> Iterator[tuple[str, Iterabl
     first, *larger = (task.resolve(n) for n in task.sizes)
     yield from facts(first, *larger)
     if plausible and any(exposure.geometry for exposure in first.exposure):
-        hover = first.module.mass * first.gravity
-        speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
-        yield "air of one module in hover, on its envelope for regions: at most", speeds
+        for kind in first.types:
+            if kind.rotor_table.count:
+                speeds = speeds_on(envelope_air(kind, first.air_density, kind.mass * first.gravity))
+                of = f"a module `{kind.name}`" if isinstance(kind, ModuleType) else "one module"
+                yield f"air of {of} in hover, on its envelope for regions: at most", speeds
     if free := [f"exposure[{k}].speed" for k, exposure in enumerate(task.exposure) if exposure.speed is None]:
         yield "air speed over regions", [("not limited", f"by envelopes; to limit it, state {', '.join(free)}")]
     if task.goals.names:

@@ -32,6 +32,7 @@ from topo_search.study import Observer, Sampler
 from verify.air.envelope import Unreached, enclose
 
 Item = TypeVar("Item")
+AnyModule = TypeVar("AnyModule", bound=Module)
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class SolverAndAudit:
 
     def solve(self, job: Job) -> Design | Infeasible:
         """Solve one topology, with the mass of all its joints."""
-        job = _with_all_joints(job)
+        job = _on_its_tree(job)
         if job.task.search.maximize is not None:
             return MostCapable(job, self._solve, self.local_optima, self.audit, self.constraints).best()
         return self._solve(job)
@@ -53,7 +54,7 @@ class SolverAndAudit:
 
     def local_optima(self, job: Job, max_effort: float) -> list[Design]:
         """Find the local optima of one topology."""
-        job = _with_all_joints(job)
+        job = _on_its_tree(job)
         designs = nlp.local_optima(job.task, job.topology, most_effort=max_effort, **self._options(job))
         return [self.mount_rod(job.task, design) for design in designs]
 
@@ -90,8 +91,8 @@ class SolverAndAudit:
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 
 
-def _with_all_joints(job: Job) -> Job:
-    return replace(job, task=job.task.with_closures(len(job.topology.closures)))
+def _on_its_tree(job: Job) -> Job:
+    return replace(job, task=job.task.on(job.topology))
 
 
 def backends(constraints: Sequence[OwnConstraint]) -> Backends:
@@ -245,24 +246,30 @@ def named_sampler(sampler: AnySampler) -> OwnSampler | None:
 
 
 def enclose_speed(task: Task) -> Task:
-    """Return a task whose `module.airflow.speed` is replaced by its cone-sphere, in `module.airflow.regions`.
+    """Return a task whose `airflow.speed` is replaced by its cone-sphere, in `airflow.regions`, for each module.
 
     Raises:
         BadInput: no air of one module is that fast, or the rotors cannot produce the thrust `at`.
     """
-    module, flow = task.module, task.module.airflow
-    if flow.speed is None:
-        return task
-    envelope = envelope_of_speed(module, task.air_density, task.gravity, flow.speed, flow.at, source=task.name)
-    regions = RegionAirflow(
-        start_radius=envelope.start_radius_m, spread_angle_deg=envelope.spread_angle_deg, reach=envelope.reach_m
-    )
-    airflow = flow.model_copy(update={"speed": None, "at": "hover", "regions": regions})
-    return task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
+
+    def enclose(module: AnyModule, path: str = "module") -> AnyModule:
+        flow, speed = module.airflow, module.airflow.speed
+        if speed is None:
+            return module
+        changed: dict[str, Any] = {"speed": None, "at": "hover"}
+        if module.rotor_table.count:
+            numbers = task.air_density, task.gravity, speed, flow.at
+            air = envelope_of_speed(module, *numbers, source=task.name, path=path)
+            sizes = {"start_radius": air.start_radius_m, "reach": air.reach_m}
+            changed["regions"] = RegionAirflow(spread_angle_deg=air.spread_angle_deg, **sizes)
+        return module.model_copy(update={"airflow": flow.model_copy(update=changed)})
+
+    types = tuple(enclose(kind, f"module_types[{k}]") for k, kind in enumerate(task.module_types))
+    return task.model_copy(update={"module": enclose(task.module), "module_types": types})
 
 
 def envelope_of_speed(
-    module: Module, density: float, gravity: float, speed: float, at: Thrust, *, source: str
+    module: Module, density: float, gravity: float, speed: float, at: Thrust, *, source: str, path: str = "module"
 ) -> SpeedEnvelope:
     """Return the smallest cone-sphere around all air of one module that is at least as fast as a speed.
 
@@ -273,6 +280,7 @@ def envelope_of_speed(
         speed: air speed [m/s].
         at: thrust of the module.
         source: file or option that faults name.
+        path: table of the module there.
 
     Raises:
         BadInput: see `enclose_speed`.
@@ -280,7 +288,7 @@ def envelope_of_speed(
     ratio = module.thrust_over_weight(at)
     if ratio > module.max_thrust_to_weight:
         rule = f"must be at most {module.max_thrust_to_weight:g} times the module's weight, but got {ratio:g}"
-        raise BadInput(source, [Fault("module.airflow.at", rule)])
+        raise BadInput(source, [Fault(f"{path}.airflow.at", rule)])
     thrust = ratio * module.mass * gravity
     thrust_text = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
     try:
@@ -291,4 +299,4 @@ def envelope_of_speed(
         rule = f"must be a speed that is reached; at {thrust_text}, that is {reached}, but got {speed:g}"
     except ArithmeticError as error:
         rule = str(error)
-    raise BadInput(source, [Fault("module.airflow.speed", rule)])
+    raise BadInput(source, [Fault(f"{path}.airflow.speed", rule)])

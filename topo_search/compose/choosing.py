@@ -120,7 +120,8 @@ def shared_part(first: Design, second: Design) -> dict[int, int]:
     ports = ports_of(first), ports_of(second)
     sides = [[(i, a, phi) for i, joints in side.items() for a, (*_, phi) in joints.items()] for side in ports]
     largest = {0: 0}
-    same = 2 if has_symmetry(first.task.module, HALF_TURN) else 4  # quarter turns that leave a module as it is
+    symmetric = all(has_symmetry(kind, HALF_TURN) for kind in first.task.types)
+    same = 2 if symmetric else 4  # quarter turns that leave a module as it is
     seen = set[tuple[int, int, int]]()
     for (start, a, angle), (match, b, match_angle) in product(*sides):
         turn = (b - a) % 4

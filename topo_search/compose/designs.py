@@ -23,7 +23,7 @@ from topo_search.own_constraint import OwnConstraint
 from topo_search.report.cell import View
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
-from topo_search.topologies.own_topologies import OwnTopology, own_topology, refuse_joints
+from topo_search.topologies.own_topologies import OwnTopology, own_topology, refuse_unlike
 
 if TYPE_CHECKING:
     from topo_search.report.design_page import Comparison
@@ -74,16 +74,16 @@ def solve(
     """
     if starts is not None and not 1 <= starts <= LIMITS.starts:
         raise ValueError(f"`1 <= starts <= {LIMITS.starts:,}` must hold, but got {starts:,}")
+    user_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
     with as_bad_input("topology"):
-        tree = own_topology(topology)
+        tree = own_topology(topology, user_task)
     if tree.n > LIMITS.modules:
         raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
-    user_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
-    resolved = user_task.resolve(tree.n)
+    resolved = user_task.resolve(user_task.sizes[0] if user_task.module_types else tree.n)
     with as_bad_input(f"{resolved.name}: topology"):
-        refuse_joints(tree, resolved)
+        refuse_unlike(tree, resolved)
     designs, user_constraints = starting_points(near), own_constraints(constraints)
-    nlp.refuse_unusable(user_constraints, resolved, tree)
+    nlp.refuse_unusable(user_constraints, resolved.on(tree), tree)
     nlp.prepare(resolved, note)
     with processes(int(time_limit is not None or bool(user_constraints))) as engine:
         return solve_single(

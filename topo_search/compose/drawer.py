@@ -20,6 +20,7 @@ from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.html import html_page, paragraph, table
+from topo_search.model.task_file import read_task
 from topo_search.study import Observer, RunFolder, answer_of
 from topo_search.study.optima import clear_designs
 
@@ -54,7 +55,7 @@ def kit(
         note: called with remarks, such as on the clearance of brackets.
 
     Raises:
-        BadInput: a run is not finished, modules differ between tasks, brackets do not fit, or the folder is in use.
+        BadInput: a run is not finished, modules differ, brackets do not fit, or the folder is in use.
         NoCommonKit: a run has no design with a clear audit.
         NotClear: the brackets of a chosen design are not clear.
 
@@ -69,6 +70,7 @@ def kit(
     runs, choices = list[Path](), list[list[Design]]()
     for task in tasks:
         if isinstance(task, Task) or not Path(task).is_dir():
+            _refuse_types(task if isinstance(task, Task) else read_task(task))
             task = search(task, keep_within=within, workers=workers, observer=observer).folder
         runs.append(Path(task))
         choices.append(_read_choices(runs[-1], within))
@@ -146,6 +148,7 @@ def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
 def _read_choices(run: Path, within: float) -> list[Design]:
     """Return a run's clear designs as large as its best one, with at most `within` % more effort, by effort."""
     with RunFolder.load(run) as folder:
+        _refuse_types(folder.request.task)
         answer = answer_of(folder)
         if not answer.complete:
             rule = "must be a finished run, but it is not; continue it with the same command"
@@ -163,6 +166,12 @@ def _read_choices(run: Path, within: float) -> list[Design]:
             if design.objective <= largest
         ]
         return sorted(designs, key=lambda design: (design.objective, design.topology.key))
+
+
+def _refuse_types(task: Task) -> None:
+    if task.module_types:
+        rule = f"must be left out, as one drawer holds modules of one kind, but got {len(task.module_types)}"
+        raise BadInput(task.name, [Fault("module_types", rule)])
 
 
 def _require_same_module(runs: Sequence[Path], choices: Sequence[Sequence[Design]]) -> None:

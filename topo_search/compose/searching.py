@@ -155,7 +155,8 @@ def search(
 
         make_user_sampler(own_sampler.make, seed)
     for n in base_task.sizes if checked else ():
-        resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
+        topology = next(request.space(n).candidates()).topology
+        resolved = base_task.resolve(n).on(topology)
         nlp.refuse_unusable(checked, resolved, topology)
         nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
     deadline = time.monotonic() + time_limit

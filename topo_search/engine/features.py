@@ -3,6 +3,6 @@
 The core imports this list and, but for those that its contract in pyproject.toml lets through, no feature.
 """
 
-from topo_search.engine.listed import LatticeCandidates, ListedCandidates
+from topo_search.engine.listed import LatticeCandidates, ListedCandidates, TypedCandidates
 
-__all__ = ["LatticeCandidates", "ListedCandidates"]
+__all__ = ["LatticeCandidates", "ListedCandidates", "TypedCandidates"]

@@ -1,4 +1,4 @@
-"""Candidates of a search other than all trees: a user's list, and flat lattices."""
+"""Candidates of a search other than all trees: a user's list, flat lattices, and trees with types of module."""
 
 from collections.abc import Iterator, Sequence
 from itertools import repeat
@@ -7,7 +7,7 @@ from random import Random
 from topo_search.engine.strategy import Candidates
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import Candidate
-from topo_search.topologies.lattices import Lattices
+from topo_search.topologies.features import Lattices, TypedTrees
 
 
 class ListedCandidates(Candidates):
@@ -40,3 +40,7 @@ class ListedCandidates(Candidates):
 
 class LatticeCandidates(Lattices, Candidates):
     """The flat lattices for a task."""
+
+
+class TypedCandidates(Candidates, TypedTrees):
+    """The trees for a task with types of module."""

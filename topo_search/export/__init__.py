@@ -11,6 +11,8 @@ class Palette(NamedTuple):
     """
 
     MODULE: str = "#262626"
+    TYPES: tuple[str, ...] = ("#262626", "#ddcc77", "#882255", "#88ccee", "#999933")
+    """Types of module; from Paul Tol's muted colours, which stay distinct as well."""
     ARM: str = "#6b6b6b"
     ROTOR: str = "#c9c9c9"
     THRUST_AXIS: str = "#d55e00"

@@ -8,7 +8,7 @@ r"""Data of a platform for flight controllers: forces and torques of rotors, mas
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | w | force, then torque about the COM, in the axes of the task | (6,) | N, N m |
-| u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q, rotor q = 0..3 of module i | (4n,) | rad^2/s^2; N |
+| u; T = k_f u | squared rotor speeds; thrusts; j counts the rotors of each module in turn | (N,) | rad^2/s^2; N |
 | o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
 | s_j | sign of the drag torque along z_j: +1 for a rotor that is clockwise as seen against z_j | | |
 | J | inertia about the COM; joints and the end-effector are point masses | (3, 3) | kg m^2 |
@@ -51,11 +51,11 @@ import numpy as np
 
 from topo_search.export import allocator
 from topo_search.export.hover import Hover
-from topo_search.model import Array, BadInput, Design, Fault, Flags, Module, Value
+from topo_search.model import Array, BadInput, Design, Fault, Flags, ResolvedTask, Value
 from topo_search.model.kinds import Index, Number, Vector
 from topo_search.model.text import csv_text
 from verify.flight.joints import inertia
-from verify.kinematics import Platform, platform
+from verify.kinematics import Platform, has_rotor, platform
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest count as zero; rounding makes them positive."""
@@ -101,13 +101,13 @@ class Allocation(Value):
     format: Literal["topo-search/allocation"] = "topo-search/allocation"
     version: Literal[1] = 1
     matrix: tuple[MatrixRow, ...]
-    """B, (6, 4n): wrench per squared rotor speed."""
+    """B, (6, N): wrench per squared rotor speed."""
     pseudo_inverse: tuple[MatrixRow, ...]
-    """Pseudo-inverse of `matrix`, (4n, 6): the squared speeds with the smallest norm, ignoring limits."""
+    """Pseudo-inverse of `matrix`, (N, 6): the squared speeds with the smallest norm, ignoring limits."""
     thrust_matrix: tuple[MatrixRow, ...]
-    """B_T, (6, 4n): wrench per thrust."""
+    """B_T, (6, N): wrench per thrust."""
     thrust_pseudo_inverse: tuple[MatrixRow, ...]
-    """Pseudo-inverse of `thrust_matrix`, (4n, 6)."""
+    """Pseudo-inverse of `thrust_matrix`, (N, 6)."""
     rank: Index
     """Rank of the matrix: 6 if the platform is fully actuated."""
     rows: tuple[str, ...] = ("force_x_N", "force_y_N", "force_z_N", "torque_x_Nm", "torque_y_Nm", "torque_z_Nm")
@@ -159,19 +159,19 @@ class Allocation(Value):
 
 def allocation(design: Design) -> Allocation:
     """Return the allocation data of a design."""
-    task, module, poses, n = design.task, design.task.module, platform(design), design.topology.n
-    k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
-    o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
-    rotor_table = module.rotor_table
-    gains, drags, spins = (np.tile(x, n) for x in (rotor_table.gains, np.abs(rotor_table.drags), rotor_table.spins))
-    B_T = thrust_matrix(module, poses)
+    task, poses, n = design.task, platform(design), design.topology.n
+    is_rotor, modules = has_rotor(task), task.modules_of_nodes
+    largest = [module.max_input(task.gravity) for module in modules if module.rotor_table.count]
+    o, a = poses.rotors[is_rotor], poses.thrust_axes[is_rotor]
+    k_f = np.concatenate([module.thrust_coefficient * module.rotor_table.gains for module in modules])
+    k_tau = np.concatenate([module.torque_coefficient * np.abs(module.rotor_table.drags) for module in modules])
+    spins = [spin for module in modules for spin in module.rotor_table.spins]
+    B_T, thrusts = thrust_matrix(task, poses), largest_thrusts(task)
     inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
     J = inertia(design, platform(design))
     J = (J + J.T) / 2
     moments, axes = np.linalg.eigh(J)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    u_max = module.max_input(task.gravity)
-    thrusts = np.tile(rotor_table.gains * (k_f * module.max_inputs(task.gravity)), n)
     rotors = [
         Rotor(
             name=f"module_{i}_rotor_{q}",
@@ -179,22 +179,22 @@ def allocation(design: Design) -> Allocation:
             rotor=q,
             position_m=o[j].tolist(),
             axis=a[j].tolist(),
-            spin=int(spins[j]),
-            thrust_coefficient=float(k_f * gains[j]),
-            torque_coefficient=float(k_tau * drags[j]),
+            spin=spins[j],
+            thrust_coefficient=float(k_f[j]),
+            torque_coefficient=float(k_tau[j]),
             largest_thrust_N=float(thrusts[j]),
         )
-        for j, (i, q) in enumerate(np.ndindex(poses.rotors.shape[:2]))
+        for j, (i, q) in enumerate(np.argwhere(is_rotor).tolist())
     ]
-    hover = Hover(B_T, thrusts, module.min_input, task.force_unit(n), module.arm_length)
+    hover = Hover(B_T, thrusts, task.module.min_input, task.force_unit(n), task.module.arm_length)
     return Allocation(
-        matrix=(k_f * gains * B_T).tolist(),
-        pseudo_inverse=(inverse / (k_f * gains[:, None])).tolist(),
+        matrix=(k_f * B_T).tolist(),
+        pseudo_inverse=(inverse / k_f[:, None]).tolist(),
         thrust_matrix=B_T.tolist(),
         thrust_pseudo_inverse=inverse.tolist(),
         rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
-        largest_input=u_max,
-        least_input=task.min_input,
+        largest_input=max(largest),
+        least_input=task.module.min_input * min(largest),
         side_force_N=hover.weakest_force()[0],
         mass_kg=task.total_mass(n),
         com_m=poses.p_com.tolist(),
@@ -205,12 +205,27 @@ def allocation(design: Design) -> Allocation:
     )
 
 
-def thrust_matrix(module: Module, poses: Platform) -> Array:
-    """Return B_T, shape (6, r n) [N and N m per N]."""
-    o, a = poses.rotors.reshape(-1, 3), poses.thrust_axes.reshape(-1, 3)
-    rotors = module.rotor_table
-    drag = (
-        np.tile(rotors.drags / rotors.gains, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
+def largest_thrusts(task: ResolvedTask) -> Array:
+    """Return the largest thrust of every rotor, module by module, shape (N,) [N]."""
+    return np.concatenate(
+        [
+            module.rotor_table.gains * (module.thrust_coefficient * module.max_inputs(task.gravity))
+            for module in task.modules_of_nodes
+        ]
+    )
+
+
+def thrust_matrix(task: ResolvedTask, poses: Platform) -> Array:
+    """Return B_T, shape (6, N) [N and N m per N]."""
+    o, a = poses.rotors[has_rotor(task)], poses.thrust_axes[has_rotor(task)]
+    drag = np.concatenate(
+        [
+            module.rotor_table.drags
+            / module.rotor_table.gains
+            * module.torque_coefficient
+            / module.thrust_coefficient
+            for module in task.modules_of_nodes
+        ]
     )
     return np.concatenate([a, np.cross(o, a) + drag[:, None] * a], axis=1).T
 
@@ -222,19 +237,21 @@ def allocator_file(design: Design, platform_data: Allocation) -> str:
         design: the design.
         platform_data: its allocation data.
     """
-    module, weight = design.task.module, platform_data.mass_kg * design.task.gravity
-    shares = np.tile(module.input_shares(design.task.gravity), design.topology.n).tolist()
+    task, weight = design.task, platform_data.mass_kg * design.task.gravity
+    shares = [
+        (module, share) for module in task.modules_of_nodes for share in module.input_shares(task.gravity).tolist()
+    ]
     data = {
         "PLATFORM": f"{design.task.name}, {design.topology.key}",
         "NAMES": tuple(rotor.name for rotor in platform_data.rotors),
         "MATRIX": platform_data.thrust_matrix,
         "LEAST": tuple(
-            rotor.thrust_coefficient * platform_data.least_input * share
-            for rotor, share in zip(platform_data.rotors, shares, strict=True)
+            rotor.thrust_coefficient * (task.module.min_input * module.max_input(task.gravity)) * share
+            for rotor, (module, share) in zip(platform_data.rotors, shares, strict=True)
         ),
         "LARGEST": tuple(rotor.largest_thrust_N for rotor in platform_data.rotors),
-        "SCALE": (1 / weight,) * 3 + (TORQUE_FIRST / (module.arm_length * weight),) * 3,
-        "FULL": module.thrust_coefficient * platform_data.largest_input,
+        "SCALE": (1 / weight,) * 3 + (TORQUE_FIRST / (task.module.arm_length * weight),) * 3,
+        "FULL": max(module.thrust_coefficient * module.max_input(task.gravity) for module, _ in shares),
         "WEIGHT": weight,
         "THRUST_COEFFICIENT": tuple(rotor.thrust_coefficient for rotor in platform_data.rotors),
     }

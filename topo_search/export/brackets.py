@@ -30,6 +30,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
 from topo_search.model.joint_mass import strut_width, tube_room
+from topo_search.model.module import Module
 from topo_search.model.proven import lower_text
 from topo_search.model.value import BadInput, Fault
 from verify.kinematics import platform, rotation
@@ -95,6 +96,12 @@ def brackets(design: Design) -> list[PrintedPart]:
     ]
 
 
+def modules_with_brackets(design: Design) -> tuple[Module, ...]:
+    """Return the module of each node, with the brackets of the platform: they are those of `[module]` for all."""
+    bracket = design.task.module.bracket_sizes
+    return tuple(module.model_copy(update={"bracket": bracket}) for module in design.task.modules_of_nodes)
+
+
 def bracket_turns(design: Design) -> list[float]:
     """Return phi of every joint, rounded as in file names [deg]; negative: the bracket is upside down."""
     edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
@@ -116,6 +123,8 @@ class Strut(NamedTuple):
     number: int
     tube: float
     """Outer diameter of the tube that spans it, between printed ends [m]; 0: printed in one piece."""
+    width: float
+    """Half width of the cross that is its section, if it is printed [m]."""
 
     @property
     def length(self) -> float:
@@ -128,14 +137,19 @@ def struts(design: Design) -> list[Strut]:
 
     The list is empty for a frame of the user's own, and if there is no room between the rotors.
     """
-    module, used_ports = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
+    modules, sizes = modules_with_brackets(design), design.task.module.bracket_sizes
+    used_ports = [place for h, i, a, b in design.topology.edges() for place in ((h, a), (i, b))]
     if design.mount is not None and rod_of(design, platform(design)) is not None:
-        used_ports.append(design.mount.port)
-    sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
-    lengths = Counter(module.body.hub[port % 2] / 2 for port in used_ports) if strut_width(module) else {}
+        used_ports.append((design.mount.module, design.mount.port))
+    used = [(modules[i], port) for i, port in used_ports]
+    lengths = Counter(
+        (module.body.hub[port % 2] / 2, module.connector_distance - sizes.set_back, width)
+        for module, port in used
+        if (width := strut_width(module))
+    )
     return [
-        Strut(inner, outer, count, tube_diameter(sizes, outer - inner))
-        for inner, count in lengths.items()
+        Strut(inner, outer, count, tube_diameter(sizes, outer - inner), width)
+        for (inner, outer, width), count in lengths.items()
         if outer - inner > 2 * sizes.thickness
     ]
 
@@ -154,14 +168,17 @@ def tube_diameter(sizes: Bracket, length: float) -> float:
 
 def strut_parts(design: Design) -> Iterator[PrintedPart]:
     """Yield the printed struts, and the ends of those that are tubes."""
-    sizes, width = design.task.module.bracket_sizes, strut_width(design.task.module)
-    ends = Counter[float]()
+    sizes = design.task.module.bracket_sizes
+    ends, files = Counter[float](), Counter[str]()
     for kind in struts(design):
         if kind.tube:
             ends[kind.tube] += 2 * kind.number
         else:
-            mesh = strut(sizes, kind.inner, kind.outer, width)
-            yield PrintedPart("strut", f"strut_{MILLIMETRES * kind.length:.1f}mm.stl", mesh, kind.number)
+            mesh = strut(sizes, kind.inner, kind.outer, kind.width)
+            file = f"strut_{MILLIMETRES * kind.length:.1f}mm"
+            files[file] += 1  # those of two types of module may be as long as each other
+            another = f"-{files[file]}" if files[file] > 1 else ""
+            yield PrintedPart("strut", f"{file}{another}.stl", mesh, kind.number)
     for diameter, count in ends.items():
         file = f"tube-end_{MILLIMETRES * diameter:g}mm.stl"
         yield PrintedPart("tube end", file, tube_end(sizes, diameter), count)
@@ -234,7 +251,7 @@ def require_room(design: Design) -> None:
     if design.topology.closures:
         rule = "must be a tree for brackets and sheets: what loads the joints of a cycle is not known"
         raise BadInput("the design", [Fault("topology", rule)])
-    d, l_c = module.bracket_sizes.set_back, module.connector_distance
+    d, l_c = module.bracket_sizes.set_back, min(kind.connector_distance for kind in design.task.types)
     if d >= l_c:
         rule = (
             "must be smaller: `bolt_circle / 2 + bolt_diameter / 2 + thickness + 2 wall < connector_distance` must "

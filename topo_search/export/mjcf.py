@@ -34,18 +34,20 @@ to 1 / cos(pi / 48) - 1 = 0.2 % of its radius. Rod and tip do not collide with a
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Comment, Element, SubElement
 
 from topo_search.export import palette
-from topo_search.export.poses import RodPose, arms, mass_of, rod_of
+from topo_search.export.poses import ModuleKind, RodPose, arms, kind_of, kinds, mass_of, rod_of, thrusts
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.design import Design
 from topo_search.model.end_effector import TIP
 from topo_search.model.exposure import segment_of
 from topo_search.model.module import Module
 from topo_search.model.shape import Shape
+from topo_search.model.task import ResolvedTask
 from verify.kinematics import Platform, platform
 from verify.solid_regions import tip_distances
 
@@ -204,22 +206,25 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         design: the design.
         physics: physics beyond the model of the search.
     """
-    task, module = design.task, design.task.module
+    task, modules = design.task, design.task.modules_of_nodes
     poses, counts_rod = platform(design), task.end_effector.counted_rod is not None
     model = Element("mujoco", model=f"{task.name} {design.topology.key}")
     model.append(Comment(ABOUT + replace(physics, rod_mass=physics.rod_mass and not counts_rod).about))
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
-    _defaults(SubElement(model, "default"), module, task.gravity, physics)
+    _add_names(model, design)
+    default, types = SubElement(model, "default"), kinds(design)
+    _defaults(default, types, task, physics)
     sky = {"type": "skybox", "builtin": "flat", "rgb1": "1 1 1", "rgb2": "1 1 1", "width": "8", "height": "8"}
     asset = SubElement(model, "asset")
     SubElement(asset, "texture", sky)
-    for k, piece in enumerate(module.body.frame or ()):
-        corners = {
-            "vertex": numbers(*itertools.chain(*piece.vertices)),
-            "face": " ".join(map(str, itertools.chain(*piece.triangles))),
-        }
-        SubElement(asset, "mesh", {"name": f"frame_{k}", **corners})
+    for kind in types:
+        for k, piece in enumerate(kind.module.body.frame or ()):
+            corners = {
+                "vertex": numbers(*itertools.chain(*piece.vertices)),
+                "face": " ".join(map(str, itertools.chain(*piece.triangles))),
+            }
+            SubElement(asset, "mesh", {"name": f"frame{_tag(kind)}_{k}", **corners})
     world = SubElement(model, "worldbody")
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
     floating = SubElement(world, "body", name="platform")
@@ -227,19 +232,20 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     SubElement(floating, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
     _point_mass(floating, 0.0)
     root_pose = {"pos": numbers(*-poses.p_com), "euler": numbers(*design.root_orientation_rad)}
-    bodies = [_module_body(floating, 0, root_pose, module)]
+    kind_at = [kind_of(design, i) for i in range(design.topology.n)]
+    bodies = [_module_body(floating, 0, root_pose, kind_at[0])]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
-        hinge = _hinge(bodies[h], i, a, alpha, module)
-        beyond_hinge = {"pos": numbers(*module.connector_distance * PORT_DIRECTIONS[a])}
+        hinge = _hinge(bodies[h], i, a, alpha, (modules[h], modules[i]), task.module.joint_mass)
+        beyond_hinge = {"pos": numbers(*modules[i].connector_distance * PORT_DIRECTIONS[a])}
         if kappa := (a + 2 - b) % 4:
             beyond_hinge["euler"] = numbers(kappa * math.pi / 2, 0, 0)
-        bodies.append(_module_body(hinge, i, beyond_hinge, module))
+        bodies.append(_module_body(hinge, i, beyond_hinge, kind_at[i]))
     for k, (i, a, _, _) in enumerate(design.topology.closures):  # no loop: the modules are one body already
-        connector = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
+        connector = numbers(*modules[i].connector_distance * PORT_DIRECTIONS[a])
         closure = SubElement(bodies[i], "body", name=f"closure_{k}", pos=connector)
-        _point_mass(closure, module.joint_mass)
-        _bar(bodies[i], a, module)
-        _bar(closure, a, module)
+        _point_mass(closure, task.module.joint_mass)
+        _bar(bodies[i], a, modules[i])
+        _bar(closure, a, modules[i])
     end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*poses.p_e))
     _point_mass(end_effector, task.end_effector.mass)
     rod = rod_of(design, poses)
@@ -248,7 +254,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         endpoints = numbers(*(rod.start - rod.end), 0, 0, 0)
         no_contact = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
         SubElement(end_effector, "geom", {"name": "rod", "fromto": endpoints, **shape, **no_contact})
-        _bar(bodies[design.mount.module], design.mount.port, module)
+        _bar(bodies[design.mount.module], design.mount.port, modules[design.mount.module])
         if physics.rod_mass or counts_rod:
             add_rod_mass(floating, rod, design, poses)
     starts_on_solid = physics.solid_regions and add_solid_regions(model, asset, world, design, poses)
@@ -257,34 +263,49 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     actuator = SubElement(model, "actuator")
     # module-major like the inputs
-    for i, (q, spin) in itertools.product(range(design.topology.n), enumerate(module.rotor_table.spins)):
-        rotor, own = f"module_{i}_rotor_{q}", _own_motor(module, q, task.gravity)
-        SubElement(actuator, "general", {"class": SPIN_CLASSES[-spin], "name": rotor, "site": rotor, **own})
+    for i, module in enumerate(modules):
+        for q, spin in enumerate(module.rotor_table.spins):
+            rotor, own = f"module_{i}_rotor_{q}", _own_motor(kind_at[i], q, task)
+            SubElement(actuator, "general", {"class": SPIN_CLASSES[-spin], "name": rotor, "site": rotor, **own})
     keyframe = SubElement(model, "keyframe")
-    for k, u_k in enumerate(design.inputs):  # at rest, with thrusts that have reached their controls
-        thrusts = numbers(*(module.thrust_coefficient * (module.rotor_table.gains * u_k)).ravel())
-        running = {} if physics.motor_lag is None else {"act": thrusts}
-        key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
+    for k, T_k in enumerate(thrusts(design)):  # at rest, with thrusts that have reached their controls
+        running = {} if physics.motor_lag is None else {"act": numbers(*T_k)}
+        key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": numbers(*T_k), **running}
         SubElement(keyframe, "key", key)
     return xml_text(model)
 
 
-def _defaults(default: Element, module: Module, gravity: float, physics: Physics) -> None:
-    """Add the default classes shared by all sites, parts and rotors."""
-    body, l_arm = module.body, module.arm_length
-    SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
-    no_contact = {"contype": "0", "conaffinity": "0"}
-    for name, kind, sizes, colour, more in (
-        ("hub", "box", [edge / 2 for edge in body.hub], rgba(palette.MODULE), {}),
-        ("frame", "mesh", [], rgba(palette.MODULE), {}),
-        ("arm", "box", [l_arm / 2, body.arm_width / 2, body.arm_width / 2], rgba(palette.ARM), {}),
-        ("rotor", "cylinder", [body.rotor_radius, body.rotor_height / 2], rgba(palette.ROTOR, 0.5), {}),
-        ("joint", "capsule", [body.arm_width / 4], rgba(palette.CONNECTOR), no_contact),
-    ):
+def _add_names(model: Element, design: Design) -> None:
+    """Add the name of each module's type as a text `type_I`, if there are types."""
+    if design.task.module_types:
+        custom = SubElement(model, "custom")
+        for i in range(design.topology.n):
+            SubElement(custom, "text", name=f"type_{i}", data=kind_of(design, i).name)
+
+
+def _tag(kind: ModuleKind) -> str:
+    return kind.suffix.replace(" of ", "_")
+
+
+def _defaults(default: Element, types: Sequence[ModuleKind], task: ResolvedTask, physics: Physics) -> None:
+    """Add the default classes shared by all sites, joints and rotors, and by the parts of each type of module."""
+    module, no_contact = task.module, {"contype": "0", "conaffinity": "0"}
+    SubElement(default, "site", type="sphere", size=numbers(module.body.arm_width / 2))
+    classes: list[tuple[str, str, list[float], str, dict[str, str]]] = []
+    for kind in types:
+        body, l_arm, tag = kind.module.body, kind.module.arm_length, _tag(kind)
+        classes += [
+            (f"hub{tag}", "box", [edge / 2 for edge in body.hub], rgba(kind.colour), {}),
+            (f"frame{tag}", "mesh", [], rgba(kind.colour), {}),
+            (f"arm{tag}", "box", [l_arm / 2, body.arm_width / 2, body.arm_width / 2], rgba(palette.ARM), {}),
+            (f"rotor{tag}", "cylinder", [body.rotor_radius, body.rotor_height / 2], rgba(palette.ROTOR, 0.5), {}),
+        ]
+    classes.append(("joint", "capsule", [module.body.arm_width / 4], rgba(palette.CONNECTOR), no_contact))
+    for name, shape, sizes, colour, more in classes:
         size = {"size": numbers(*sizes)} if sizes else {}
         part = SubElement(default, "default", {"class": name})
-        SubElement(part, "geom", {"type": kind, **size, "rgba": colour, **more})
-    limit = module.thrust_coefficient * module.max_input(gravity)
+        SubElement(part, "geom", {"type": shape, **size, "rgba": colour, **more})
+    limit = module.thrust_coefficient * module.max_input(task.gravity)
     tau = physics.motor_lag
     lag = {} if tau is None else {"dyntype": "filterexact", "dynprm": numbers(tau), "actearly": "true"}
     for spin, name in SPIN_CLASSES.items():
@@ -294,24 +315,25 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
         SubElement(turning, "general", {"gear": gear, "ctrllimited": "true", "ctrlrange": span, **lag})
 
 
-def _own_motor(module: Module, q: int, gravity: float) -> dict[str, str]:
+def _own_motor(kind: ModuleKind, q: int, task: ResolvedTask) -> dict[str, str]:
     """Return what rotor q's motor has instead of its class; empty if all rotors are alike."""
+    module = kind.module
     rotors, ratio = module.rotor_table, module.torque_coefficient / module.thrust_coefficient
-    if rotors.is_uniform:
+    if rotors.is_uniform and not kind.name:
         return {}
-    limit = float((module.thrust_coefficient * rotors.gains * module.max_inputs(gravity))[q])
+    limit = float((module.thrust_coefficient * rotors.gains * module.max_inputs(task.gravity))[q])
     drag = float(rotors.drags[q] / rotors.gains[q]) * ratio
-    return {"gear": numbers(0, 0, 1, 0, 0, drag), "ctrlrange": numbers(module.min_input * limit, limit)}
+    return {"gear": numbers(0, 0, 1, 0, 0, drag), "ctrlrange": numbers(task.module.min_input * limit, limit)}
 
 
-def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
-    """Add the hinge of module i at a parent's port a."""
+def _hinge(parent: Element, i: int, a: int, alpha: float, pair: tuple[Module, Module], mass: float) -> Element:
+    """Add the hinge of module i at a parent's port a, of a mass [kg], between a pair of parent and child."""
     about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
-    connector = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
-    _bar(parent, a, module)
+    connector = numbers(*pair[0].connector_distance * PORT_DIRECTIONS[a])
+    _bar(parent, a, pair[0])
     hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=connector, euler=numbers(0, about_x, about_y))
-    _point_mass(hinge, module.joint_mass)
-    _bar(hinge, a, module)
+    _point_mass(hinge, mass)
+    _bar(hinge, a, pair[1])
     return hinge
 
 
@@ -325,28 +347,29 @@ def _bar(body: Element, port: int, module: Module) -> None:
     SubElement(body, "geom", {"class": "joint", "fromto": endpoints})
 
 
-def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) -> Element:
+def _module_body(parent: Element, i: int, pose: dict[str, str], kind: ModuleKind) -> Element:
     """Add module i with its mass, its parts and its rotors."""
+    module, tag = kind.module, _tag(kind)
     body = SubElement(parent, "body", {"name": f"module_{i}", **pose})
     x, y, z = module.inertia
     inertia = numbers(min(x, y + z), min(y, x + z), min(z, x + y))  # MuJoCo checks the triangle inequality
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)
     frame = module.body.frame
     if frame is None:
-        SubElement(body, "geom", {"class": "hub"})
+        SubElement(body, "geom", {"class": f"hub{tag}"})
     for k in range(len(frame or ())):
-        SubElement(body, "geom", {"class": "frame", "mesh": f"frame_{k}"})
+        SubElement(body, "geom", {"class": f"frame{tag}", "mesh": f"frame{tag}_{k}"})
     for q, (arm, axis) in enumerate(zip(arms(module), module.rotor_table.axes, strict=True)):
         middle = {"pos": numbers(*arm.end / 2), "euler": numbers(arm.azimuth, 0, 0 - arm.elevation)}
         if frame is None and arm.length:
             own = [arm.length / 2, module.body.arm_width / 2, module.body.arm_width / 2]
             size = {} if arm.length == module.arm_length else {"size": numbers(*own)}
-            SubElement(body, "geom", {"class": "arm", **size, **middle})
+            SubElement(body, "geom", {"class": f"arm{tag}", **size, **middle})
         place = {"pos": numbers(*arm.end)} | ({} if axis[2] == 1 else {"zaxis": numbers(*axis)})
         radius = float(module.rotor_radii[q])
         own_disc = (
             {} if module.rotor_table.sizes[q] == 1 else {"size": numbers(radius, module.body.rotor_height / 2)}
         )
-        SubElement(body, "geom", {"class": "rotor", **own_disc, **place})
+        SubElement(body, "geom", {"class": f"rotor{tag}", **own_disc, **place})
         SubElement(body, "site", {"name": f"module_{i}_rotor_{q}", **place})
     return body

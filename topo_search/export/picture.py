@@ -25,7 +25,7 @@ from topo_search.export import PAPER, TWO_COLUMNS, palette, solids
 from topo_search.export import poses as geometry
 from topo_search.export.air_field import AirSurface
 from topo_search.export.tree_drawing import draw_tree
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
 from topo_search.model.mesh import circle, cone_sphere, cone_sphere_outline
@@ -116,7 +116,7 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
         return Patch(facecolor=(colour, alpha), edgecolor=colour, label=label)
 
     entries: list[Artist] = [
-        Patch(color=palette.MODULE, label="module"),
+        *(Patch(color=kind.colour, label=kind.words) for kind in geometry.kinds(design)),
         Line2D([], [], color=palette.THRUST_AXIS, marker=">", label="thrust axis"),
         Line2D([], [], color=palette.CONNECTOR, linewidth=2, label="joint (hinge angle)"),
         Line2D([], [], marker="s", linestyle="", color=palette.FREE_PORT, label="free connector"),
@@ -178,9 +178,9 @@ class Drawing:
 
     def airflow(self) -> None:
         """Draw the airflow envelope of every module: its outline, and the equator of its far ball."""
-        for air in self.design.task.module.envelopes:
-            starts = self.poses.p + self.poses.R @ np.array(air.origin)
-            axes = self.poses.R @ np.array(air.upstream)
+        for i, air in ((kind.nodes, air) for kind in geometry.kinds(self.design) for air in kind.module.envelopes):
+            starts = self.poses.p[i] + self.poses.R[i] @ np.array(air.origin)
+            axes = self.poses.R[i] @ np.array(air.upstream)
             ends = list(zip(starts, starts - air.length * axes, strict=True))
             sizes = air.start_radius, air.end_radius
             outlines = [cone_sphere_outline(p, sizes[0], end, sizes[1], self.v) for p, end in ends]
@@ -206,15 +206,17 @@ class Drawing:
 
     def platform(self) -> None:
         """Draw modules, joints and thrust axes, the rod on its mount, the end-effector and the centre of mass."""
-        module, poses = self.design.task.module, self.poses
+        poses, kinds = self.poses, geometry.kinds(self.design)
         for h, a, i, _ in self.design.topology.bolts:
-            joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
+            joint = geometry.connector(self.design, poses, h, a)
             self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
-        frame, rotors = solids.frame(module), solids.join(solids.rotor_discs(module, sides=12))
-        triangles = np.concatenate([frame.triangles, rotors.triangles])
-        faces = [triangles @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)]
-        tints = [palette.MODULE] * len(frame.faces) + [palette.ROTOR] * len(rotors.faces)
-        tints *= len(poses.p)
+        faces, tints = list[Array](), list[str]()
+        for kind in kinds:
+            frame, rotors = solids.frame(kind.module), solids.rotor_discs(kind.module, sides=12)
+            triangles = np.concatenate([mesh.triangles for mesh in (frame, *rotors)])
+            faces += [triangles @ poses.R[i].T + poses.p[i] for i in kind.nodes]
+            discs = len(triangles) - len(frame.faces)
+            tints += ([kind.colour] * len(frame.faces) + [palette.ROTOR] * discs) * len(kind.nodes)
         rod = geometry.rod_of(self.design, poses)
         if rod is not None and self.design.mount is not None:
             hub = poses.p[self.design.mount.module]
@@ -223,9 +225,11 @@ class Drawing:
                 faces.append(tube)
                 tints += [palette.END_EFFECTOR] * len(tube)
         self._solid(np.concatenate(faces), np.array(list(map(to_rgb, tints))))
-        axes, look = 1.6 * module.arm_length * poses.z, {"linewidth": 1.2, "arrow_length_ratio": 0.3, "zorder": 7}
-        self.axes.quiver(*poses.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
-        self._extend_limits([poses.p + axes])
+        flying = [i for kind in kinds if kind.module.rotor_table.count for i in kind.nodes]
+        axes = 1.6 * self.design.task.module.arm_length * poses.z[flying]
+        look = {"linewidth": 1.2, "arrow_length_ratio": 0.3, "zorder": 7}
+        self.axes.quiver(*poses.p[flying].T, *axes.T, color=palette.THRUST_AXIS, **look)
+        self._extend_limits([poses.p[flying] + axes])
         for point, colour in ((poses.p_com, palette.CENTRE_OF_MASS), (poses.end_effector, palette.END_EFFECTOR)):
             self.axes.plot(*point[:, None], "o", color=colour, markeredgecolor="black", markersize=5, zorder=8)
             self._extend_limits([point])

@@ -4,7 +4,7 @@ Poses come from the audit's kinematics.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| c | connector that holds the rod, p_i + l_c R_i e_a | (3,) | m |
+| c | connector of module i at port a, such as the rod's, p_i + l_c R_i e_a, with the l_c of its type | (3,) | m |
 | p'_E | end-effector in W | (3,) | m |
 | m, v | mass of the rod, which solver and audit may ignore; unit vector along the rod | , (3,) | kg, - |
 
@@ -12,6 +12,7 @@ Shapes of exposure requirements are in metres from the end-effector; a direction
 resolved.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,10 +21,47 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from topo_search.export import palette
 from topo_search.limits import vector
 from topo_search.model import PORT_DIRECTIONS, Array, BadInput, Design, Fault, Module, ResolvedTask
 from topo_search.model.shape import Shape
-from verify.kinematics import Platform, platform, rotation
+from verify.kinematics import Platform, has_rotor, platform, rotation
+
+
+class ModuleKind(NamedTuple):
+    """Modules of one type in a design."""
+
+    module: Module
+    name: str
+    """Name of the type; empty if the platform has one type of module."""
+    colour: str
+    nodes: list[int]
+    """Their numbers."""
+    suffix: str
+    """Ending of mesh names: ` of K` for type K; empty if there is one."""
+
+    @property
+    def words(self) -> str:
+        """Return the name of the type, or `module`."""
+        return self.name or "module"
+
+
+def kinds(design: Design) -> list[ModuleKind]:
+    """Return the types of module of a design, with a colour each."""
+    types = design.task.module_types
+    if not types:
+        return [ModuleKind(design.task.module, "", palette.MODULE, list(range(design.topology.n)), "")]
+    return [
+        ModuleKind(
+            kind, kind.name, colour, [i for i, type_ in enumerate(design.topology.types) if type_ == k], f" of {k}"
+        )
+        for k, (kind, colour) in enumerate(zip(types, itertools.cycle(palette.TYPES), strict=False))
+    ]
+
+
+def kind_of(design: Design, i: int) -> ModuleKind:
+    """Return the type of module i."""
+    return next(kind for kind in kinds(design) if i in kind.nodes)
 
 
 class Arm(NamedTuple):
@@ -60,6 +98,29 @@ def arms(module: Module) -> list[Arm]:
 def rotor_rotations(module: Module) -> list[Array]:
     """Return the smallest rotation from z to each rotor's axis, shape (3, 3) each."""
     return [_tilt(axis) for axis in module.rotor_table.axes]
+
+
+def largest_inputs(task: ResolvedTask) -> Array:
+    """Return u_max of every rotor, module by module, shape (N,) [rad^2/s^2]."""
+    return np.concatenate([module.max_inputs(task.gravity) for module in task.modules_of_nodes])
+
+
+def throttles(design: Design) -> Array:
+    """Return the input of every rotor over its u_max, module by module, shape (K, N)."""
+    return np.asarray(design.inputs[:, has_rotor(design.task)] / largest_inputs(design.task))
+
+
+def thrusts(design: Design) -> Array:
+    """Return the thrust of every rotor, module by module, shape (K, N) [N]."""
+    tables = [(module.thrust_coefficient, module.rotor_table.gains) for module in design.task.modules_of_nodes]
+    k_f, gains = (np.concatenate(x) for x in zip(*((np.full_like(g, k), g) for k, g in tables), strict=True))
+    return np.asarray(k_f * (gains * design.inputs[:, has_rotor(design.task)]))
+
+
+def connector(design: Design, poses: Platform, i: int, port: int) -> Array:
+    """Return a connector of module i in W, (3,) [m]."""
+    l_c = design.task.modules_of_nodes[i].connector_distance
+    return np.asarray(poses.p[i] + l_c * poses.R[i] @ PORT_DIRECTIONS[port])
 
 
 def _tilt(axis: Array) -> Array:
@@ -123,8 +184,7 @@ def rod_of(design: Design, poses: Platform) -> RodPose | None:
     """Return the rod of a design; None if no connector holds one, or its length is 0."""
     if design.mount is None:
         return None
-    i, l_c = design.mount.module, design.task.module.connector_distance
-    start = poses.p[i] + l_c * poses.R[i] @ PORT_DIRECTIONS[design.mount.port]
+    start = connector(design, poses, design.mount.module, design.mount.port)
     rod = RodPose(start, poses.end_effector, design.task.end_effector.rod_radius)
     return rod if rod.length > 0 else None
 
@@ -137,13 +197,18 @@ def axis_words(task: ResolvedTask, direction: ArrayLike) -> str:
     return f"{angle:.1f} deg from {vector(axis)} in the task's axes"
 
 
+def longest_reach(task: ResolvedTask) -> float:
+    """Return the reach of the airflow that reaches farthest from its module [m]."""
+    return max(kind.reach for kind in task.types if kind.rotor_table.count)
+
+
 ELEVATION_DEG = 20.0
 
 
 def poses_to_draw(design: Design) -> Platform:
     """Return the poses of a design; BadInput if the end-effector is too far away to be drawn to scale."""
-    module = design.task.module
-    limit = 1000.0 * (2 * module.connector_distance * design.topology.n + module.reach)
+    task = design.task
+    limit = 1000.0 * (2 * task.longest_connector * design.topology.n + longest_reach(task))
     if max(map(abs, design.end_effector_m)) > limit:
         rule = f"must be within {limit:.3g} m of the root module to be drawn, but got {list(design.end_effector_m)}"
         raise BadInput(design.task.name, [Fault("end_effector_m", rule)])
@@ -174,4 +239,4 @@ def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
 
 def cone_slant(design: Design, poses: Platform) -> float:
     """Return the slant height at which pictures cut a cone off; it encloses most of the airflow [m]."""
-    return float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
+    return float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max()) + 2 * longest_reach(design.task) / 3

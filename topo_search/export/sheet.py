@@ -13,9 +13,10 @@ import numpy as np
 from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
-from topo_search.export.poses import axis_words, rod_of
+from topo_search.export.poses import axis_words, kinds, rod_of
 from topo_search.export.step_picture import step_picture
 from topo_search.export.strength import ENOUGH, strengths
+from topo_search.limits import quantity
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.bracket import Bracket
 from topo_search.model.design import Design
@@ -26,7 +27,7 @@ from topo_search.model.proven import lower_text
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text
 from topo_search.model.topology import PORT_NAMES
-from verify.kinematics import Platform, platform
+from verify.kinematics import Platform, has_rotor, platform
 
 STYLE = """
 @page { size: A4; margin: 12mm }
@@ -61,12 +62,14 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
         solids: its printed parts.
         notes: notes on the kit, printed first, one sentence each.
     """
+    first = max(kinds(design), key=lambda kind: kind.module.rotor_table.count)
     lines = [
         *(paragraph(text) for text in notes),
         "<h2>Convention</h2>",
-        f'<section class="convention">{ports(design.task.module)}{paragraph(CONVENTION)}</section>',
+        f'<section class="convention">{ports(first.module)}{paragraph(CONVENTION)}</section>',
+        *_types(design),
         paragraph(f"Angles are given to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(strut_section(design.task.module, kind) for kind in brackets.struts(design)),
+        *(strut_section(design.task.module.bracket_sizes, kind) for kind in brackets.struts(design)),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
@@ -82,21 +85,34 @@ def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -
     return html_page(f"Assembly of {design.task.name}, {design.topology.key}", STYLE, lines)
 
 
+def _types(design: Design) -> Iterator[str]:
+    """Yield a drawing of each type of module with its name and the numbers of its modules, if there are types."""
+    for kind in kinds(design) if design.task.module_types else ():
+        rotors = quantity(kind.module.rotor_table.count, "rotor") if kind.module.rotor_table.count else "no rotors"
+        numbers = ", ".join(map(str, kind.nodes))
+        text = f"Type {kind.name}: {rotors}, {1000 * kind.module.mass:.4g} g. It is at the modules {numbers}."
+        yield f'<section class="convention">{ports(kind.module)}{paragraph(text)}</section>'
+
+
 def _faces(design: Design) -> str:
-    module = design.task.module
-    face = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
-    x, y = (1000 * edge / 2 for edge in module.body.hub[:2])
+    """Return where brackets are bolted to modules, of each type."""
+    set_back, faces, hubs = design.task.module.bracket_sizes.set_back, [], []
+    for kind in kinds(design):
+        of_type = kind.name and f" ({kind.name})"
+        faces.append(f"{1000 * (kind.module.connector_distance - set_back):.2f} mm{of_type}")
+        x, y = (1000 * edge / 2 for edge in kind.module.body.hub[:2])
+        hubs.append(f"{x:.2f} mm (ports 0 and 2) and {y:.2f} mm (ports 1 and 3){of_type}")
     return (
-        f"A bracket's flange bolts to a mounting face {face:.2f} mm from the module's centre. If the parts list "
-        f"has struts, they bridge the gap from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
-        "(ports 1 and 3) from the centre: first bolt a strut to the hub at every port used in a step, mark hole up."
+        f"A bracket's flange bolts to a mounting face {', '.join(faces)} from the module's centre. If the parts "
+        f"list has struts, they bridge the gap from the hub, whose faces are {', '.join(hubs)} from the centre: "
+        "first bolt a strut to the hub at every port used in a step, mark hole up."
     )
 
 
-def strut_section(module: Module, kind: brackets.Strut) -> str:
+def strut_section(sizes: Bracket, kind: brackets.Strut) -> str:
     """Return a side view of a strut with the positions of its faces, and its text."""
-    sizes, end = module.bracket_sizes, 80.0
-    lengths = sizes.half_width, sizes.thickness, sizes.wall, kind.tube, strut_width(module)
+    end = 80.0
+    lengths = sizes.half_width, sizes.thickness, sizes.wall, kind.tube, kind.width
     r, t, w, D, wide = (end * x / kind.length for x in lengths)
     length = f"{MILLIMETRES * kind.length:.1f} mm"
     svg = [HEAD.format(-15, -r - 15, end + 30, 2 * r + 40, f"strut of {length}")]
@@ -130,11 +146,13 @@ def _joints(design: Design) -> Iterator[tuple[int, tuple[int, int, int, int], fl
 
 
 def _steps(design: Design) -> Iterator[str]:
+    names = {i: f", {kind.name}," for kind in kinds(design) if kind.name for i in kind.nodes}
     for step, (h, i, a, b), alpha, phi in _joints(design):
         text = (
-            f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a} ({PORT_NAMES[a]}) of module "
-            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {brackets.bracket_file(abs(phi))}, mark holes "
-            f"{'down' if phi < 0 else 'up'}. Module {i} {slope(a, alpha)}."
+            f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i}{names.get(i, '')} to port {a} "
+            f"({PORT_NAMES[a]}) of module {h}{names.get(h, ',')} at {math.degrees(alpha):+.{DIGITS}f} deg, with "
+            f"{brackets.bracket_file(abs(phi))}, mark holes {'down' if phi < 0 else 'up'}. "
+            f"Module {i} {slope(a, alpha)}."
         )
         side_view = joint(design.task.module.bracket_sizes, a, alpha)
         yield f"<section>{step_picture(design, i + 1)}<div>{paragraph(text)}{side_view}</div></section>"
@@ -222,7 +240,7 @@ def ports(module: Module) -> str:
     """Return a top view of a module with its axes, ports and rotors, as SVG."""
     svg = [HEAD.format(-86, -80, 172, 160, "a module from above: ports and rotors")]
     rotors = module.rotor_table
-    scale = 36 / rotors.distances.max()
+    scale = 36 / rotors.distances.max(initial=1e-9)
     for q, ((x, y, _), spin) in enumerate(zip(scale * rotors.positions * [1, -1, 1], rotors.spins, strict=True)):
         svg.append(f'<line x1="0" y1="0" x2="{x:.2f}" y2="{y:.2f}" stroke="#ccc" stroke-width="3"/>')
         svg.append(f'<circle cx="{x:.2f}" cy="{y:.2f}" r="18" fill="{palette.ROTOR}" fill-opacity="0.25"/>')
@@ -339,10 +357,10 @@ def _autopilot(poses: Platform) -> str:
 
 def _view(design: Design, poses: Platform, across: int, up: int, words: str) -> str:
     """Return a view of the platform on two axes of the task, as SVG."""
-    module = design.task.module
-    ports = poses.p[:, None] + module.connector_distance * np.einsum("nij,kj->nki", poses.R, PORT_DIRECTIONS)
-    rotors = poses.rotors + poses.p_com
-    points = MILLIMETRES * np.vstack([ports.reshape(-1, 3), rotors.reshape(-1, 3), [poses.end_effector]])
+    l_c = np.array([module.connector_distance for module in design.task.modules_of_nodes])[:, None, None]
+    ports = poses.p[:, None] + l_c * np.einsum("nij,kj->nki", poses.R, PORT_DIRECTIONS)
+    rotors = [discs[own] + poses.p_com for discs, own in zip(poses.rotors, has_rotor(design.task), strict=True)]
+    points = MILLIMETRES * np.vstack([ports.reshape(-1, 3), *rotors, [poses.end_effector]])
     flat = points[:, [across, up]] * [1.0, -1.0]
     low, high = flat.min(axis=0), flat.max(axis=0)
     size = float((high - low).max())
@@ -397,13 +415,13 @@ TUBE_WALL, TUBE_DENSITY = 0.001, 1600.0
 def parts_list(design: Design, solids: Sequence[PrintedPart]) -> list[ListedPart]:
     """Return a row for every kind of part, then the total mass, then the mass of the search's model."""
     task, bracket = design.task, design.task.module.bracket_sizes
-    rows = [_row("module", design.topology.n, "", task.module.mass)]
+    rows = [_row("module", len(kind.nodes), kind.name, kind.module.mass) for kind in kinds(design)]
     for name in ("bracket", "strut", "tube end", "rod mount"):
         rows += [_part_row(part) for part in solids if part.name == name]
-    kinds = brackets.struts(design)
-    rows += [_tube_row(kind, bracket.thickness) for kind in kinds if kind.tube]
+    struts = brackets.struts(design)
+    rows += [_tube_row(kind, bracket.thickness) for kind in struts if kind.tube]
     mounts = sum(part.name == "rod mount" for part in solids)
-    flanges = 2 * (design.topology.n - 1) + sum(kind.number for kind in kinds) + mounts
+    flanges = 2 * (design.topology.n - 1) + sum(kind.number for kind in struts) + mounts
     rod = rod_of(design, platform(design))
     if rod is not None:
         size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
@@ -437,14 +455,17 @@ def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
 
 def struts_note(design: Design) -> Iterator[str]:
     """Yield what has to hold the brackets if rotors leave no room for struts."""
-    module, sizes = design.task.module, design.task.module.bracket_sizes
-    outer, hub = module.connector_distance - sizes.set_back, min(module.body.hub[:2]) / 2
-    if module.body.frame is None and not strut_width(module) and outer - hub > 2 * sizes.thickness:
-        faces, middle = f"{MILLIMETRES * outer:.1f} mm", f"{MILLIMETRES * hub:.1f} mm"
-        yield (
-            f"rotors leave no room for straight struts: nothing in the kit joins a hub, {middle} from "
-            f"the centre, to the faces of brackets, {faces} from it; that part, and its mass, are yours to add"
-        )
+    sizes, modules = design.task.module.bracket_sizes, brackets.modules_with_brackets(design)
+    for kind in kinds(design):
+        module = modules[kind.nodes[0]]
+        outer, hub = module.connector_distance - sizes.set_back, min(module.body.hub[:2]) / 2
+        if module.body.frame is None and not strut_width(module) and outer - hub > 2 * sizes.thickness:
+            faces, middle = f"{MILLIMETRES * outer:.1f} mm", f"{MILLIMETRES * hub:.1f} mm"
+            of_type = kind.name and f" of the type {kind.name}"
+            yield (
+                f"rotors leave no room for straight struts: nothing in the kit joins a hub{of_type}, {middle} from "
+                f"the centre, to the faces of brackets, {faces} from it; that part, and its mass, are yours to add"
+            )
 
 
 def parts_csv(rows: Sequence[ListedPart]) -> str:

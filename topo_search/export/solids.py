@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import arms, cone_slant, rod_of, rotor_rotations, shapes
+from topo_search.export.poses import arms, cone_slant, kinds, rod_of, rotor_rotations, shapes
 from topo_search.model import Array, Design, Module
 from topo_search.model.mesh import SIDES, Mesh, cone_sphere, revolve
 from verify.kinematics import Platform, platform, rotation
@@ -72,22 +72,29 @@ def stl(design: Design, parts: Parts = "platform") -> bytes:
 
 def _solids(design: Design, parts: Parts) -> Iterator[MeshCopies]:
     """Yield the solids of the chosen parts of a design."""
-    module, poses = design.task.module, platform(design)
-    module_poses = [pose_matrix(R, p) for R, p in zip(poses.R, poses.p, strict=True)]
+    poses = platform(design)
+    copies = [(kind, [pose_matrix(poses.R[i], poses.p[i]) for i in kind.nodes]) for kind in kinds(design)]
     if parts != "airflow":
-        yield MeshCopies("frame", frame(module), palette.MODULE, module_poses)
-        yield MeshCopies("rotors", join(rotor_discs(module)), palette.ROTOR, module_poses)
+        for kind, module_poses in copies:
+            name = kind.name and f" of {kind.name}"
+            yield MeshCopies(f"frame{name}", frame(kind.module), kind.colour, module_poses)
+            if kind.module.rotor_table.count:
+                discs = join(rotor_discs(kind.module))
+                yield MeshCopies(f"rotors{name}", discs, palette.ROTOR, module_poses)
         if rod := rod_of(design, poses):
             tube = cone_sphere(rod.start, rod.radius, rod.end, rod.radius)
             yield MeshCopies("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
     if parts != "platform":
-        yield MeshCopies("airflow", airflow(module), palette.AIRFLOW, module_poses, opacity=0.2)
+        for kind, module_poses in copies:
+            if kind.module.envelopes:
+                name = "airflow" + (kind.name and f" of {kind.name}")
+                yield MeshCopies(name, airflow(kind.module), palette.AIRFLOW, module_poses, opacity=0.2)
     if parts == "all":
         for name, point, colour in (
             ("end_effector", poses.end_effector, palette.END_EFFECTOR),
             ("centre_of_mass", poses.p_com, palette.CENTRE_OF_MASS),
         ):
-            radius = 0.2 * module.arm_length
+            radius = 0.2 * design.task.module.arm_length
             ball = cone_sphere(np.zeros(3), radius, np.zeros(3), radius)
             yield MeshCopies(name, ball, colour, [pose_matrix(np.eye(3), point)])
         for number in range(len(design.task.exposure)):

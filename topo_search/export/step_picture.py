@@ -17,9 +17,9 @@ import numpy as np
 from trimesh import Trimesh
 
 from topo_search.export import brackets
-from topo_search.export.poses import azimuth_deg, rod_of
+from topo_search.export.poses import azimuth_deg, connector, rod_of
 from topo_search.export.solids import box, cylinder, frame
-from topo_search.model.arrays import PORT_DIRECTIONS, Array
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import Mesh, circle, rotation_to
 from verify.kinematics import Platform, platform
@@ -79,19 +79,20 @@ def step_picture(design: Design, count: int, *, with_rod: bool = False) -> str:
 
 
 def _module(design: Design, poses: Platform, i: int, *, is_new: bool) -> Iterator[Face]:
-    module, R, p = design.task.module, poses.R[i], poses.p[i]
+    module, R, p = design.task.modules_of_nodes[i], poses.R[i], poses.p[i]
     yield from _faces(frame(module).move(R, p), NEW if is_new else BUILT)
     hubs = poses.rotors[i] + poses.p_com
-    for centre, radius, axis in zip(hubs, module.rotor_radii, poses.thrust_axes[i], strict=True):
+    # inputs, and rotors of poses, have as many columns as the type with the most rotors
+    for centre, radius, axis in zip(hubs, module.rotor_radii, poses.thrust_axes[i], strict=False):
         rim = circle(centre, radius, axis, points=24)
         yield Face(rim, NEW_ROTOR if is_new else BUILT_ROTOR, two_sided=True)
 
 
 def _joint(design: Design, poses: Platform, k: int, colour: str) -> Iterator[Face]:
     """Yield the bracket of a joint and its struts."""
-    (h, i, a, b), module = [*design.topology.edges()][k], design.task.module
+    h, i, a, b = [*design.topology.edges()][k]
     phi = math.radians(brackets.bracket_turns(design)[k])
-    yield from _part(brackets.bracket(module.bracket_sizes, phi), design, poses, h, a, colour)
+    yield from _part(brackets.bracket(design.task.module.bracket_sizes, phi), design, poses, h, a, colour)
     yield from _strut(design, poses, h, a, colour)
     yield from _strut(design, poses, i, b, colour)
 
@@ -106,8 +107,9 @@ def _part(solid: Trimesh, design: Design, poses: Platform, i: int, port: int, co
 
 def _strut(design: Design, poses: Platform, i: int, port: int, colour: str) -> Iterator[Face]:
     """Yield what joins a module's hub to its mating face at a port."""
-    module = design.task.module
-    inner, outer = module.body.hub[port % 2] / 2, module.connector_distance - module.bracket_sizes.set_back
+    module = design.task.modules_of_nodes[i]
+    inner = module.body.hub[port % 2] / 2
+    outer = module.connector_distance - design.task.module.bracket_sizes.set_back
     if outer > inner:
         bar = box((outer - inner, module.body.arm_width / 2, module.body.arm_width / 2))
         turn = poses.R[i] @ brackets.connector_turn(port)
@@ -116,8 +118,7 @@ def _strut(design: Design, poses: Platform, i: int, port: int, colour: str) -> I
 
 def _port(design: Design, poses: Platform, i: int, port: int, share: float) -> Array:
     """Return a point on the way from a module's centre to its connector, (3,) [m]."""
-    along: Array = design.task.module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[port]
-    return np.asarray(poses.p[i] + share * along)
+    return np.asarray(poses.p[i] + share * (connector(design, poses, i, port) - poses.p[i]))
 
 
 def _faces(mesh: Mesh, colour: str) -> Iterator[Face]:

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import PAPER, TWO_COLUMNS, palette
-from topo_search.export.poses import shapes
+from topo_search.export.poses import longest_reach, shapes
 from topo_search.model import Array, ResolvedTask, needs_offset
 from topo_search.model.mesh import circle, cone_sphere_outline
 
@@ -37,7 +37,7 @@ def task_figure(task: ResolvedTask) -> Figure:
     rows = -(-len(entries) // 3)
     figure = Figure(figsize=(TWO_COLUMNS, 2.7 + 0.16 * rows))
     # the views enclose all bounded regions and most of a module's airflow [m]
-    size = max([0.6 * task.module.reach, *(shape.reach for _, shape in shapes(task, _end_effector(task)))])
+    size = max([0.6 * longest_reach(task), *(shape.reach for _, shape in shapes(task, _end_effector(task)))])
     for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
         _draw(axes, task, (right, up), size)
         axes.set_title(name)
@@ -58,7 +58,7 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
         axes.plot(*rod[:, view].T, **ROD_STYLE)
     # the module to scale has the same position in all views
     module = size * np.array([-0.75, -0.75, 0.0])
-    for air in task.module.envelopes:
+    for air in next(kind.envelopes for kind in task.types if kind.envelopes):
         start = module + air.origin
         far = start - air.length * np.array(air.upstream)
         airflow = cone_sphere_outline(start, air.start_radius, far, air.end_radius, _towards_viewer(view))

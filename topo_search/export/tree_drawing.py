@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from topo_search.export import palette
+from topo_search.export.poses import ModuleKind, kinds
 from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Design
 from topo_search.model.topology import PORT_NAMES, Topology
 
@@ -103,7 +104,28 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
         assembly: adds the rod's mount and blocked connectors.
         marked: modules whose mutual joints are highlighted.
     """
-    return ElementTree.tostring(_tree(design, assembly, marked), encoding="unicode")
+    svg = _tree(design, assembly, marked)
+    if design.task.module_types:
+        _add_legend(svg, kinds(design))
+    return ElementTree.tostring(svg, encoding="unicode")
+
+
+def _add_legend(svg: ElementTree.Element, types: list[ModuleKind]) -> None:
+    """Add a row below the tree for each type of module: its colour and its name."""
+    left, top, width, height = map(float, svg.attrib["viewBox"].split())
+    svg.set("viewBox", f"{left:g} {top:g} {width:g} {height + 0.25 * len(types) + 0.05:g}")
+    for row, kind in enumerate(types):
+        middle = np.array([left + 0.15, top + height + 0.25 * row + 0.1])
+        _square(svg, middle, 0.16, _tint(kind.colour), 0.012)
+        name = _text(
+            svg, middle + np.array([0.14, 0.0]), kind.name, min(0.15, 1.7 * (width - 0.3) / len(kind.name))
+        )
+        name.set("text-anchor", "start")
+
+
+def _tint(colour: str) -> str:
+    """Return a colour like #d55e00 mixed with as much white, on which numbers are read."""
+    return "#" + "".join(f"{(int(colour[k : k + 2], 16) + 255) // 2:02x}" for k in (1, 3, 5))
 
 
 def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[int] = ()) -> ElementTree.Element:
@@ -131,8 +153,9 @@ def _tree(design: Design, assembly: Assembly | None = None, marked: Collection[i
                 point = centres[near_end] + 0.33 * (centres[far_end] - centres[near_end])
                 _text(svg, point, PORT_NAMES[port], 0.13, palette.CONNECTOR)
     colours = _port_colours(design, assembly)
+    fills = {i: _tint(kind.colour) for kind in kinds(design) if kind.name for i in kind.nodes}
     for i, centre in enumerate(centres):
-        _square(svg, centre, SIDE, "#ffffff", 0.05 if i == 0 else 0.025)
+        _square(svg, centre, SIDE, fills.get(i, "#ffffff"), 0.05 if i == 0 else 0.025)
         _text(svg, centre, str(i), 0.2)
         if turns is None:
             continue
@@ -172,7 +195,11 @@ def _square(svg: ElementTree.Element, centre: Array, side: float, fill: str, edg
     _add(svg, "rect", x=x, y=y, width=side, height=side, fill=fill, stroke=palette.MODULE, stroke_width=edge)
 
 
-def _text(svg: ElementTree.Element, point: Array, text: str, size: float, fill: str = "#000000") -> None:
+def _text(
+    svg: ElementTree.Element, point: Array, text: str, size: float, fill: str = "#000000"
+) -> ElementTree.Element:
     style = {"text_anchor": "middle", "dominant_baseline": "central", "paint_order": "stroke"}
     halo = {"stroke": "#ffffff", "stroke_width": 0.04}
-    _add(svg, "text", x=point[0], y=point[1], font_size=size, fill=fill, **style, **halo).text = text
+    added = _add(svg, "text", x=point[0], y=point[1], font_size=size, fill=fill, **style, **halo)
+    added.text = text
+    return added

@@ -22,16 +22,17 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.mjcf import SPIN, numbers, rgba, xml_text
-from topo_search.export.poses import arms, mass_of, rod_of, rotor_rotations
+from topo_search.export.poses import ModuleKind, arms, kind_of, kinds, mass_of, rod_of, rotor_rotations
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.mesh import rotation_to
-from topo_search.model.module import Module
 from verify.kinematics import platform, rotation
 
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
+{rotors}"""
+ROTORS = """\
 Rotor Q at the squared speed u [rad^2/s^2] exerts the force {k_f!r} u [N] along z of the link
 `module_I_rotor_Q`, and the torque D {k_tau!r} u [N m] about it; u is at most {u_max!r}.
 D is {signs} for Q = 0, 1, ...{own}
@@ -40,39 +41,30 @@ D is {signs} for Q = 0, 1, ...{own}
 
 def urdf(design: Design) -> str:
     """Return a design as the text of a URDF file."""
-    task, module, poses = design.task, design.task.module, platform(design)
+    task, poses, types = design.task, platform(design), kinds(design)
     robot = Element("robot", name=task.name)
-    u_max = module.max_input(task.gravity)
-    signs = ", ".join(f"{-spin:+d}" for spin in module.rotor_table.spins)
-    rotors, own = module.rotor_table, ""
-    if not rotors.is_uniform:
-        factors = zip(rotors.gains, np.abs(rotors.drags), module.input_shares(task.gravity), strict=True)
-        own = "\nForce, torque and largest u of rotor Q are these times " + "; ".join(
-            f"{f:.9g}, {t:.9g}, {u:.9g}" for f, t, u in factors
-        )
-    coefficients = {"k_f": module.thrust_coefficient, "k_tau": module.torque_coefficient}
-    comment = ABOUT.format(**coefficients, u_max=u_max, signs=signs, own=own)
-    robot.append(Comment(comment))
-    for name in ("MODULE", "ARM", "ROTOR", "END_EFFECTOR"):
-        material = SubElement(robot, "material", name=name.lower())
-        SubElement(material, "color", rgba=rgba(getattr(palette, name)))
-    F = [np.eye(3), *poses.R[1:]]
-    for i in range(design.topology.n):
+    robot.append(Comment(ABOUT.format(rotors="".join(_about_rotors(kind, task.gravity) for kind in types))))
+    parts = (("arm", palette.ARM), ("rotor", palette.ROTOR), ("end_effector", palette.END_EFFECTOR))
+    for name, colour in (*((_material(kind), kind.colour) for kind in types), *parts):
+        material = SubElement(robot, "material", name=name)
+        SubElement(material, "color", rgba=rgba(colour))
+    F, joint_mass = [np.eye(3), *poses.R[1:]], task.module.joint_mass
+    for i, module in enumerate(task.modules_of_nodes):
         R = F[i].T @ poses.R[i]
-        _module_link(robot, i, R, module)
+        _module_link(robot, i, R, kind_of(design, i))
         for q, (arm, turn) in enumerate(zip(arms(module), rotor_rotations(module), strict=True)):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ arm.end, R @ turn)
     for h, i, a, _ in design.topology.edges():
         _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (poses.p[i] - poses.p[h]), F[h].T @ F[i])
-        if module.joint_mass:
-            connector = module.connector_distance * F[h].T @ poses.R[h] @ PORT_DIRECTIONS[a]
-            _point(robot, f"joint_{i}", module.joint_mass)
-            _joint(robot, f"module_{h}", f"joint_{i}", connector, np.eye(3))
+        if joint_mass:
+            hinge = task.modules_of_nodes[h].connector_distance * F[h].T @ poses.R[h] @ PORT_DIRECTIONS[a]
+            _point(robot, f"joint_{i}", joint_mass)
+            _joint(robot, f"module_{h}", f"joint_{i}", hinge, np.eye(3))
     closing = poses.joints[design.topology.n - 1 :] + poses.p_com
-    for k, place in enumerate(closing if module.joint_mass else ()):
-        _point(robot, f"closure_{k}", module.joint_mass)
+    for k, place in enumerate(closing if joint_mass else ()):
+        _point(robot, f"closure_{k}", joint_mass)
         _joint(robot, "module_0", f"closure_{k}", place, np.eye(3))
     _point(robot, "centre_of_mass", 0.0)
     _joint(robot, "module_0", "centre_of_mass", poses.p_com, np.eye(3))
@@ -89,6 +81,27 @@ def urdf(design: Design) -> str:
     return xml_text(robot)
 
 
+def _material(kind: ModuleKind) -> str:
+    return f"module {kind.name}".strip()
+
+
+def _about_rotors(kind: ModuleKind, gravity: float) -> str:
+    """Return the formulas of the rotors of a type of module for the comment; empty without rotors."""
+    module = kind.module
+    rotors, own = module.rotor_table, ""
+    if not rotors.count:
+        return ""
+    signs = ", ".join(f"{-spin:+d}" for spin in rotors.spins)
+    if not rotors.is_uniform:
+        factors = zip(rotors.gains, np.abs(rotors.drags), module.input_shares(gravity), strict=True)
+        own = "\nForce, torque and largest u of rotor Q are these times " + "; ".join(
+            f"{f:.9g}, {t:.9g}, {u:.9g}" for f, t, u in factors
+        )
+    which = f"I = {', '.join(map(str, kind.nodes))}:\n" if kind.name else ""
+    coefficients = {"k_f": module.thrust_coefficient, "k_tau": module.torque_coefficient}
+    return which + ROTORS.format(**coefficients, u_max=module.max_input(gravity), signs=signs, own=own)
+
+
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     """Return r, p, y with R = Rz(y) Ry(p) Rx(r) [rad], also at p = 90 deg, where y is arbitrary."""
     y = math.atan2(R[1, 0], R[0, 0])
@@ -98,12 +111,13 @@ def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
     return r, p, y
 
 
-def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
-    """Add the link of module i; R is the module's orientation in the link's frame."""
+def _module_link(robot: Element, i: int, R: Array, kind: ModuleKind) -> None:
+    """Add the link of module i, coloured by its type; R is the module's orientation in the link's frame."""
+    module = kind.module
     link = SubElement(robot, "link", name=f"module_{i}")
     _inertial(link, module.mass, R @ np.diag(module.inertia) @ R.T)
     body = module.body
-    _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, "module")
+    _shape(link, ("box", {"size": numbers(*body.hub)}), np.zeros(3), R, _material(kind))
     for arm, turn, radius in zip(arms(module), rotor_rotations(module), module.rotor_radii, strict=True):
         rotor = "cylinder", {"radius": numbers(radius), "length": numbers(body.rotor_height)}
         bar = "box", {"size": numbers(arm.length, body.arm_width, body.arm_width)}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from importlib import import_module
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,7 @@ from pydantic import (
     ValidatorFunctionWrapHandler,
     field_serializer,
     field_validator,
+    model_validator,
 )
 
 from topo_search.model.arrays import Array, read_only
@@ -49,6 +51,12 @@ def _topology(value: Any) -> Any:
             raise ValueError(f"{rule}, but got {show(row)} for module {i}")
         joints.append((row[0], row[1], row[2]))
     return Topology(tuple(joints))
+
+
+def _numbers(task: ResolvedTask, names: tuple[str, ...]) -> tuple[int, ...]:
+    """Return the numbers of named types; () unless the task has them all."""
+    known = {kind.name: k for k, kind in enumerate(task.module_types)}
+    return tuple(known[name] for name in names) if set(names) <= set(known) else ()
 
 
 TopologyRows = Annotated[
@@ -104,6 +112,8 @@ class Geometry(Value):
 
     format: Literal["topo-search/design"] = "topo-search/design"
     version: Literal[1] = 1
+    types: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
+    """Name of each module's type; empty: there is one."""
     task: ResolvedTask
     """The whole task with every default filled in, load cases in N and N m."""
     topology: TopologyRows
@@ -126,6 +136,14 @@ class Geometry(Value):
         angles = (*self.hinge_angles_rad, *(0.0 for _ in self.topology.closures))
         return sorted(zip(self.topology.bolts, angles, strict=True), key=lambda joint: joint[0][2])
 
+    @model_validator(mode="before")
+    @classmethod
+    def _name_types(cls, data: Any) -> Any:
+        """Name the types of a platform's tree."""
+        if not isinstance(data, dict) or not isinstance(topology := data.get("topology"), Topology):
+            return data
+        return {**data, "types": [data["task"].module_types[k].name for k in topology.types]}
+
     @field_validator("task", mode="before")
     @classmethod
     def _resolve_task(cls, value: Any) -> Any:
@@ -140,12 +158,21 @@ class Geometry(Value):
         task = Task.model_validate(with_older_defaults(value))
         return task.resolve(task.n)
 
+    @field_validator("task")
+    @classmethod
+    def _place_types(cls, task: ResolvedTask, info: ValidationInfo) -> ResolvedTask:
+        """Let the task know which type is where."""
+        return task.model_copy(update={"types_of_nodes": _numbers(task, info.data.get("types", ()))})
+
     @field_validator("topology")
     @classmethod
-    def _close(cls, topology: Topology, info: ValidationInfo) -> Topology:
-        """Bolt all neighbours of a flat lattice together."""
+    def _complete(cls, topology: Topology, info: ValidationInfo) -> Topology:
+        """Bolt all neighbours of a flat lattice together, and say of which type the modules are."""
         task = info.data.get("task")
-        return topology if task is None or task.search.lattice is None else topology.closed
+        if task is None:
+            return topology
+        topology = topology if task.search.lattice is None else topology.closed
+        return replace(topology, types=task.types_of_nodes)
 
     @field_validator("closures")
     @classmethod
@@ -171,6 +198,10 @@ class Geometry(Value):
         yield "hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)
 
     def _broken_rules(self) -> Broken:
+        names = Counter({kind.name: kind.count for kind in self.task.module_types})
+        if Counter(self.types) != names:
+            rule = f"must name as many modules of each type as the task counts, {show(names)}"
+            yield "types", f"{rule}, but got {show(list(self.types))}"
         mismatches = (row for row in self._value_counts() if row[2] != row[3])
         yield from ((field, f"{rule}, {due}, but got {count}") for field, rule, due, count in mismatches)
         mount, rod = self.mount, self.task.end_effector.counted_rod
@@ -190,7 +221,8 @@ class Design(Geometry):
     """
 
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
-    """u_k: a value per rotor in each load case, module-major [rad^2/s^2]."""
+    """u_k: a value per rotor in each load case, module-major, 0 for those that a type of module lacks
+    [rad^2/s^2]."""
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
     """True if the audit computed the inputs, for a geometry without any."""
     objective: Number
@@ -227,7 +259,7 @@ class Design(Geometry):
         yield "rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)
         for k, u_k in enumerate(self.rotor_speeds_squared):
             field = "rotor_speeds_squared", k
-            rotors = self.topology.n * self.task.module.rotor_table.count
+            rotors = self.topology.n * self.task.rotors_per_module
             yield field, "must have one value per rotor", rotors, len(u_k)
 
     @property

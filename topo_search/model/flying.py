@@ -71,8 +71,14 @@ OLDER: dict[str, dict[str, Any]] = {
 def with_defaults(data: dict[str, Any]) -> dict[str, Any]:
     """Return the fields of a new task with its defaults; `flight.defaults` then lists those of `FLYING`.
 
-    Fields of a wrong type are left for their own rules to refuse.
+    Without `modules`, a task with types of module has as many as they count. Fields of a wrong type are left for
+    their own rules to refuse.
     """
+    types = data.get("module_types")
+    if "modules" not in data and isinstance(types, list | tuple) and types:
+        counts = [kind.get("count") if isinstance(kind, dict) else getattr(kind, "count", None) for kind in types]
+        if all(type(count) is int for count in counts):
+            data = {**data, "modules": sum(counts)}
     read = {
         name: _table(data, name) for name in ("module", "end_effector", "search", "flight", "tolerances", "goals")
     }
@@ -165,6 +171,8 @@ def find_missed(design: Design, audit: Audit) -> tuple[Missed, ...]:
     if audit.flight is None:
         return ()
     hover, task = audit.flight.hover, design.task
+    tables = [(kind.rotor_table.count, kind.max_inputs(task.gravity)) for kind in task.modules_of_nodes]
+    least = [float(np.min(design.inputs[:, i, :r] / largest)) for i, (r, largest) in enumerate(tables) if r]
     clearances = (pair.analytic_m if pair.lower_m is None else pair.lower_m for pair in audit.pairs)
     held = {
         "flight.force_reserve": (hover.horizontal_reserve_com_N or 0.0) / task.force_unit(task.n),
@@ -173,8 +181,7 @@ def find_missed(design: Design, audit: Audit) -> tuple[Missed, ...]:
         "flight.com_error": hover.com_error_m or 0.0,
         "tolerances.hinge_angle_deg": audit.flight.hinge_tolerance_deg or 0.0,
         "tolerances.position": max(0.0, min(clearances, default=0.0)) / 2,  # both bodies of a pair may move
-        "module.min_input": max(0.0, float(np.min(design.inputs / task.module.max_inputs(task.gravity))))
-        / task.search.peak_input,
+        "module.min_input": max(0.0, min(least)) / task.search.peak_input,
     }
     dropped = [Missed(field=path, asked=FLYING[path], held=held[path]) for path in task.flight.dropped]
     return tuple(x for x in dropped if np.any(np.less(x.held, np.multiply(NEARLY, x.asked)))) or tuple(dropped)

@@ -55,7 +55,11 @@ def design_html(design: Design) -> str:
     gap = "" if design.gap is None else f", gap to the lower bound {gap_percent(design.gap)}"
     title = heading(f"{design.task.name}: {quantity(design.topology.n, 'module')}, {design.topology.key}")
     effort = paragraph(f"J = {design.objective:.6g} rad^4/s^4{gap}")
-    rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, a, i, b), alpha in design.bolts]
+    names = [f"{i} ({name})" for i, name in enumerate(design.types)] or range(design.topology.n)
+    rows = [
+        (names[h], PORT_NAMES[a], names[i], PORT_NAMES[b], math.degrees(alpha))
+        for (h, a, i, b), alpha in design.bolts
+    ]
     psi, alpha_0, alpha_1 = (f"{math.degrees(angle):.6g}" for angle in design.root_orientation_rad)
     position = ", ".join(f"{x:.6g}" for x in design.end_effector_m)
     return (

@@ -32,7 +32,7 @@ By momentum theory an ideal rotor needs the power T^1.5 / sqrt(2 rho pi R^2), so
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -42,7 +42,7 @@ from topo_search.model.airflow import Airflow, AirflowEnvelope, FilledAirflow, R
 from topo_search.model.arrays import Array
 from topo_search.model.body import Body
 from topo_search.model.bracket import Bracket
-from topo_search.model.kinds import NonEmpty, NonNegative, Omitted, Positive, at_most, omit_if
+from topo_search.model.kinds import NonNegative, Omitted, Positive, at_most, omit_if
 from topo_search.model.rotors import ModuleRotor, RotorTable, table_of, x_quadrotor
 from topo_search.model.value import Broken, Location, Value
 
@@ -86,8 +86,9 @@ class Module(Value):
     """Share of a rotor's thrust lost to a wake as fast as its own induced speed; default: blade-element theory."""
     battery_Wh: Omitted[Positive] = None
     """Energy of a module's battery [Wh], from which the audit bounds the endurance."""
-    rotors: Omitted[Annotated[tuple[ModuleRotor, ...], at_most(LIMITS.rotors, "rotors"), NonEmpty]] = None
-    """Rotors; default: four in an X, one arm length from the centre, which turn in alternate senses."""
+    rotors: Omitted[Annotated[tuple[ModuleRotor, ...], at_most(LIMITS.rotors, "rotors")]] = None
+    """Rotors; default: four in an X, one arm length from the centre, which turn in alternate senses; a type of
+    module may have none."""
     airflow: Airflow = Airflow()
     """Airflow envelope."""
     body: Body = Body()
@@ -113,7 +114,7 @@ class Module(Value):
             rule = f"must agree with torque_coefficient / thrust_coefficient, {due:.4g} m"
             yield "torque_to_thrust", f"{rule}, but got {ratio}: leave one of them out"
         for field, envelope in ((("airflow",), self), (("airflow", "regions"), self.region_airflow)):
-            if envelope is not None and envelope.reach <= envelope.start_radius:
+            if envelope is not None and self.rotor_table.count and envelope.reach <= envelope.start_radius:
                 lengths = f"reach = {envelope.reach}, start_radius = {envelope.start_radius}"
                 yield field, f"`reach > start_radius` must hold, but got {lengths}"
         # beyond this range parts cannot be built, and contact cannot be decided
@@ -156,13 +157,13 @@ class Module(Value):
     @property
     def envelopes(self) -> tuple[AirflowEnvelope, ...]:
         """Airflow envelopes: that about the module's axis, or one about the axis of each rotor."""
-        return self._by_rotor(self.envelope, self.airflow.spread_angle_deg)
+        return self._by_rotor(self.envelope, self.airflow.spread_angle_deg) if self.rotor_table.count else ()
 
     @property
     def region_envelopes(self) -> tuple[AirflowEnvelope, ...]:
         """Airflow envelopes that stay out of target regions; ValueError as for `region_envelope`."""
         regions = self.airflow.regions or self.airflow
-        return self._by_rotor(self.region_envelope, regions.spread_angle_deg)
+        return self._by_rotor(self.region_envelope, regions.spread_angle_deg) if self.rotor_table.count else ()
 
     def _by_rotor(self, whole: AirflowEnvelope, spread_deg: float) -> tuple[AirflowEnvelope, ...]:
         if not self.rotor_table.has_own_jets:
@@ -181,7 +182,7 @@ class Module(Value):
         regions = self.airflow.regions
         if regions is None:
             return None
-        start = regions.start_radius or self._start(float(self.rotor_radii.max()))
+        start = regions.start_radius or self._start(float(self.rotor_radii.max(initial=0.0)))
         return FilledAirflow(start, regions.spread_angle_deg, regions.reach or self.reach)
 
     @property
@@ -213,11 +214,17 @@ class Module(Value):
 
     def hover_input(self, gravity: float) -> float:
         """Return the squared rotor speed at which thrusts add up to the module's weight [rad^2/s^2]."""
-        return self.mass * gravity / (self.rotor_table.count * self.thrust_coefficient)
+        return self.mass * gravity / (max(1, self.rotor_table.count) * self.thrust_coefficient)
 
     def thrust_to_weight(self, thrust: float, gravity: float) -> float:
         """Return the thrust of the module over its weight, if every rotor has a given thrust [N]."""
         return self.rotor_table.count * thrust / (self.mass * gravity)
+
+    def with_thrust_to_weight(self, gravity: float) -> Self:
+        """Return the module with `max_thrust_to_weight` filled in from `max_thrust`, unless it is given."""
+        if self.max_thrust is None or "max_thrust_to_weight" in self.model_fields_set:
+            return self
+        return self.replace(max_thrust_to_weight=self.thrust_to_weight(self.max_thrust, gravity))
 
     def thrust_over_weight(self, at: Thrust) -> float:
         """Return the thrust over the module's weight for `hover`, `full` or a number."""
@@ -278,11 +285,11 @@ class Module(Value):
         """Ixx, Iyy, Izz about the module's centre [kg m^2]."""
         return self.body.inertia or _inertia_of_shapes(self)
 
-    def resolve(self) -> Module:
+    def resolve(self) -> Self:
         """Return the module with every default filled in, each quantity in a single form."""
-        if self.rotors is not None and self.rotor_table.is_same_as(x_quadrotor()):
+        if self.rotors and self.rotor_table.is_same_as(x_quadrotor()):
             return self.model_copy(update={"rotors": None}).resolve()
-        lengths: dict[str, Any] = {"start_radius": self.start_radius, "reach": self.reach}
+        lengths: dict[str, Any] = {"start_radius": self.start_radius or None, "reach": self.reach}
         if (filled := self.region_airflow) is not None:
             lengths["regions"] = RegionAirflow(**filled._asdict())
         resolved = {

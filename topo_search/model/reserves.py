@@ -32,7 +32,6 @@ from topo_search.model.shape import NOWHERE
 from topo_search.model.value import Broken, Value, show
 
 if TYPE_CHECKING:
-    from topo_search.model.module import Module
     from topo_search.model.task import ResolvedTask, Task
 
 AUDIT_TOLERANCE = 5 * TOLERANCE
@@ -224,12 +223,6 @@ def box_corners(half: float) -> Array:
     return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
-def rotor_name(rotor: int, module: Module) -> str:
-    """Return the name of a rotor, given its number in module-major order."""
-    i, q = divmod(rotor, module.rotor_table.count)
-    return f"rotor {q} of module {i}"
-
-
 def circumscribe(*, disc: bool) -> Array:
     """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
     if disc:
@@ -302,10 +295,13 @@ def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Cor
     flight, groups = task.flight, list[list[Corner]]()
     if flight.rotor_out == "none":
         return groups
+    is_placed = not task.module_types or task.types_of_nodes
+    rotors = np.flatnonzero(task.input_limits) if is_placed else np.arange(task.rotor_count)
     torques = (0.0 if inner else flight.rotor_out_torque or 0.0) * circumscribe(disc=False)
     for _, label, case in weight_cases(task, flight.rotor_out):
-        for rotor in range(task.rotor_count):
-            words = f"{label}, {rotor_name(rotor, task.module)} dead"
+        for rotor in rotors.tolist():
+            i, q = divmod(rotor, task.rotors_per_module)
+            words = f"{label}, rotor {q} of module {i} dead"
             corners = [Corner(words, case)]
             if torques.any():
                 corners = _corners(f"{words}, torque", case, "torque", torques)

@@ -48,12 +48,13 @@ its parent's, or towards it. Either module sees the other in the same pose, up t
 |---|---|---|
 | phi | fold: hinge angle, positive if the two airflows lean apart | rad |
 | e, z | direction of a port, and thrust axis, in the module's frame | |
+| l_c, l_c' | distances of the hinge from the centres of the module and its neighbour | m |
 | P(eta) = o + eta l_air d | axis of the neighbour's envelope, eta in [0, 1] | m |
 | r(eta) = r_air + eta dr_air | radius of the envelope | m |
 
 .. math::
 
-    o = l_c e + l_c (\cos\phi \, e + \sin\phi \, z), \qquad d = \sin\phi \, e - \cos\phi \, z
+    o = l_c e + l_c' (\cos\phi \, e + \sin\phi \, z), \qquad d = \sin\phi \, e - \cos\phi \, z
 
 The clearance of a part, the minimum of dist(P, part) - r over eta, is that of a convex function. Its derivative
 with respect to phi is at most the largest distance of a part from the hinge axis, because that is how parts move
@@ -90,9 +91,9 @@ CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-
 """Corners of a box with edges of 1."""
 
 
-def packed_width(module: Module, n: int) -> float:
+def packed_width(l_c: float, n: int) -> float:
     """Return the width of n modules packed in a square, a scale for lengths at the target [m]."""
-    return 2 * module.connector_distance * math.sqrt(n)
+    return 2 * l_c * math.sqrt(n)
 
 
 def body_radius(module: Module) -> float:
@@ -102,7 +103,7 @@ def body_radius(module: Module) -> float:
     lengths = module.arm_length * rotors.distances
     across = np.sqrt(np.maximum(0.0, lengths**2 - heights**2)) + module.rotor_radii
     rims = map(math.hypot, across, np.abs(heights) + body.rotor_height / 2)
-    return max(*rims, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
+    return max([*rims, float(np.linalg.norm(_frame_edges(module), axis=-1).max())])
 
 
 def frame_reach(module: Module) -> float:
@@ -116,14 +117,15 @@ def bracket_obstacle(module: Module) -> str | None:
     A flange is fixed to its module whatever the hinge angle. With flat hinges the rest of the bracket is farther
     out, so one that is clear fits at least there.
     """
-    sizes, air = module.bracket_sizes, module.envelope
+    sizes = module.bracket_sizes
     x, r = module.connector_distance - sizes.set_back, sizes.half_width
+    if x <= 0 or not module.rotor_table.count:
+        return "the centre" if x <= 0 else None
+    air = module.envelope
     is_single = not module.rotor_table.has_own_jets
     growth = air.growth / air.length  # of the radius along the axis
     slope = math.sqrt(max(0.0, 1 - growth**2))
     depth = min(air.length, r + x * growth / slope) if slope else air.length  # where the side is nearest the flange
-    if x <= 0:
-        return "the centre"
     if is_single and math.hypot(x, max(0.0, depth - r)) < air.start_radius + growth * depth:
         return "the airflow"
     l_arm, rotors = module.arm_length, module.rotor_table
@@ -137,7 +139,7 @@ def rotor_reach(module: Module) -> float:
     body, rotors, R = module.body, module.rotor_table, module.rotor_radii[:, None]
     steep = np.abs(rotors.axes @ PORT_DIRECTIONS.T)
     disc = R * np.sqrt(1 - np.minimum(steep, 1.0) ** 2) - body.rotor_radius + body.rotor_height / 2 * steep
-    return float((module.arm_length * rotors.along_ports + disc).max())
+    return float((module.arm_length * rotors.along_ports + disc).max(initial=-math.inf))
 
 
 def _rotor_top(module: Module) -> float:
@@ -145,23 +147,28 @@ def _rotor_top(module: Module) -> float:
     body, rotors = module.body, module.rotor_table
     upright = np.minimum(np.abs(rotors.axes[:, 2]), 1.0)
     disc = module.rotor_radii * np.sqrt(1 - upright**2) + body.rotor_height / 2 * upright
-    return float((np.abs(module.arm_length * rotors.positions[:, 2]) + disc).max())
+    return float((np.abs(module.arm_length * rotors.positions[:, 2]) + disc).max(initial=0.0))
 
 
-def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
-    """Return the hinge angle up to which no rotor of one module can meet the other module [rad].
+def largest_hinge_angle(module: Module, other: Module, margin: float = 0.0) -> float:
+    """Return the hinge angle up to which no rotor of a module can meet the other module [rad].
 
     It is the same for all ports, so that equivalent trees have the same designs. At most pi/2; negative if this
     bound leaves no clear angle, although `clear_folds` may find some.
 
     Args:
-        module: module on both sides of the hinge.
+        module: module whose rotors must be clear.
+        other: module on the other side of the hinge.
         margin: required clearance of the rotors from other parts [m].
     """
-    body = module.body
-    d = module.connector_distance - rotor_reach(module) - body.rotor_radius - margin
-    rotor = math.atan2(_rotor_top(module) + margin, d)
-    return min(math.pi / 2, math.pi - rotor - max(rotor, _elevation(module, max(d, 0.0))))
+    d, rotor = _nearest_rotor(module, margin)
+    return min(math.pi / 2, math.pi - rotor - max(_nearest_rotor(other, margin)[1], _elevation(other, max(d, 0.0))))
+
+
+def _nearest_rotor(module: Module, margin: float) -> tuple[float, float]:
+    """Return d [m] and beta_r [rad] of a module; infinity and 0 without rotors."""
+    d = module.connector_distance - rotor_reach(module) - module.body.rotor_radius - margin
+    return d, math.atan2(_rotor_top(module) + margin, d)
 
 
 def _elevation(module: Module, d: float) -> float:
@@ -206,17 +213,18 @@ def _frame_edges(module: Module) -> Array:
 
 
 @lru_cache(maxsize=32)
-def clear_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return the fold angles within +-pi/2 at which rotors of bolted modules are clear, at any ports [rad].
+def clear_folds(module: Module, other: Module, margin: float = 0.0) -> Folds:
+    """Return the fold angles within +-pi/2 at which a module's rotors are clear of another, at any ports [rad].
 
     Every returned angle is proven clear; some that are barely clear may be missing. May be empty.
 
     Args:
-        module: module on both sides of the hinge.
+        module: module whose rotors must be clear.
+        other: module on the other side of the hinge.
         margin: required clearance of the rotors from other parts [m].
     """
-    turn = largest_hinge_angle(module, margin)
-    return ((-turn, turn),) if turn > 0 else _search_clear_folds(module, margin)
+    turn = largest_hinge_angle(module, other, margin) if module.rotor_table.count else math.pi / 2
+    return ((-turn, turn),) if turn > 0 else _search_clear_folds(module, other, margin)
 
 
 @dataclass(frozen=True)
@@ -259,10 +267,11 @@ class _Part:
         return np.asarray(farthest)
 
 
-def _search_clear_folds(module: Module, margin: float) -> Folds:
+def _search_clear_folds(module: Module, other: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
-    pairs = _pairs(module)
-    symmetric = module.body.frame is None and module.rotors is None  # hub, arms and rotors are mirrored by z = 0
+    pairs = _pairs(module, other)
+    # hub, arms and rotors are mirrored by z = 0
+    symmetric = all(one.body.frame is None and one.rotors is None for one in (module, other))
 
     def slack(phi: Array, h: float) -> tuple[Array, float]:
         """Return the least clearance of all pairs over the largest possible loss in the interval."""
@@ -304,17 +313,22 @@ def _clear_intervals(
     return clear
 
 
-def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
-    """Return all pairs of a rotor of one module and a part of the other, for each of its ports at the hinge.
+def _pairs(module: Module, other: Module) -> list[tuple[_Part, _Part]]:
+    """Return all pairs of a rotor of a module and a part of the other, for each of their ports at the hinge.
 
-    Seen from the other module the fold is the same, so one module's rotors suffice.
+    Seen from the other module the fold is the same.
     """
-    half_turn, offset = np.diag([-1.0, -1.0, 1.0]), np.array([module.connector_distance, 0.0, 0.0])
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    to_hinge, beyond = (np.array([one.connector_distance, 0.0, 0.0]) for one in (module, other))
+    parts = [_Part(ends @ half_turn + beyond, R) for ends, R in _discs(other)]
+    parts += [_Part(corners @ half_turn + beyond) for corners in _from_ports(other, frame_pieces(other))]
+    return [(_Part(ends - to_hinge, R), part) for ends, R in _discs(module) for part in parts]
+
+
+def _discs(module: Module) -> list[tuple[Array, float]]:
+    """Return centres of the faces (2, 3) and radius of each rotor disc [m], with each port in turn along x."""
     sizes = dict.fromkeys(module.rotor_radii.tolist())
-    discs = [(ends, R) for R in sizes for ends in _from_ports(module, _rotor_ends(module, R))]
-    parts = [_Part(ends @ half_turn + offset, R) for ends, R in discs]
-    parts += [_Part(corners @ half_turn + offset) for corners in _from_ports(module, frame_pieces(module))]
-    return [(_Part(ends - offset, R), part) for ends, R in discs for part in parts]
+    return [(ends, R) for R in sizes for ends in _from_ports(module, _rotor_ends(module, R))]
 
 
 def _rotor_ends(module: Module, radius: float) -> list[Array]:
@@ -420,7 +434,8 @@ def part_cover(module: Module) -> Balls:
     """Return balls that, together with the module's own envelope, contain all rigid parts; rotors come first."""
     balls, pieces, finest = _rotor_balls(module), _pieces(module), FINEST * module.arm_length
     most = max(MOST_BOXES, len(pieces))
-    while len(cells := list(islice(_uncovered_boxes(pieces, balls, finest, module.envelope), most + 1))) > most:
+    air = module.envelope if module.rotor_table.count else None
+    while len(cells := list(islice(_uncovered_boxes(pieces, balls, finest, air), most + 1))) > most:
         finest *= math.sqrt(2)
     return _join_balls(balls, cells)
 
@@ -512,33 +527,37 @@ def _pieces(module: Module) -> list[_Box]:
 
 
 @functools.cache
-def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return the fold angles within +-pi/2 at which bolted modules are clear of each other's airflow [rad].
+def airflow_folds(module: Module, other: Module, margin: float = 0.0) -> Folds:
+    """Return the fold angles within +-pi/2 at which a module is clear of the airflow of one bolted to it [rad].
 
     They are the same for all ports. Every returned angle is clear; some that are barely clear may be missing, and
     more for a custom frame, whose distance is that from its face planes and its box. May be empty.
 
     Args:
-        module: module on both sides of the hinge.
+        module: module whose parts must be clear.
+        other: module on the other side of the hinge, whose airflow it is.
         margin: required clearance of parts from the airflow [m].
     """
+    if not other.rotor_table.count:
+        return ((-math.pi / 2, math.pi / 2),)
     rate = module.connector_distance + body_radius(module)
 
     def slack(phi: Array, h: float) -> tuple[Array, float]:
-        return _airflow_clearance(module, phi) - margin, rate * h
+        return _airflow_clearance(module, other, phi) - margin, rate * h
 
     return join(_clear_intervals(slack, halvings=11))  # to 0.1 mrad
 
 
-def _airflow_clearance(module: Module, phi: Array) -> Array:
+def _airflow_clearance(module: Module, other: Module, phi: Array) -> Array:
     """Return the least clearance of all parts from the neighbour's airflow over all ports, shape (t,) [m]."""
-    air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
+    air, body, pieces = other.envelope, module.body, _pieces(module)
     rotors, axes = module.arm_length * module.rotor_table.positions, module.rotor_table.axes
     # by default opposite ports look the same, and with a square hub all four
     own = body.frame is not None or module.rotors is not None
     ports = PORT_DIRECTIONS if own else PORT_DIRECTIONS[: 2 - (body.hub[0] == body.hub[1])]
     sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
-    o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
+    to_hinge, beyond = module.connector_distance, other.connector_distance
+    o = to_hinge * ports + beyond * (cosine * ports + sine * UP)  # (t, ports, 3)
     d = air.length * (sine * ports - cosine * UP)
 
     def clearances(eta: Array) -> Array:

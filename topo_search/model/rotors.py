@@ -102,7 +102,7 @@ class RotorTable:
     def span(self) -> float:
         """Largest distance of a rotor's centre from the module's axis, 1 for an X [l_arm]."""
         heights = self.distances * self.directions[:, 2]
-        return float(np.sqrt(self.distances**2 - heights**2).max())
+        return float(np.sqrt(self.distances**2 - heights**2).max(initial=0.0))
 
     def torques(self, drag: float) -> Array:
         """Return the torques about the module's centre at unit thrust, shape (r, 3) [l_arm].
@@ -131,7 +131,7 @@ class RotorTable:
     @property
     def tilt(self) -> float:
         """Largest angle of a rotor's axis with the module's [rad]."""
-        return float(np.arccos(np.clip(self.axes[:, 2], -1.0, 1.0)).max())
+        return float(np.arccos(np.clip(self.axes[:, 2], -1.0, 1.0)).max(initial=0.0))
 
     @property
     def has_own_jets(self) -> bool:
@@ -156,13 +156,13 @@ class RotorTable:
         Args:
             radii: of the discs, shape (r,), in the unit of the result, l_arm.
         """
-        return radii if self.has_own_jets else np.full(self.count, max(self.span, float(radii.max())))
+        return radii if self.has_own_jets else np.full(self.count, max(self.span, float(radii.max(initial=0.0))))
 
     def is_same_as(self, other: RotorTable) -> bool:
         """Return whether both have the same rotors in the same order."""
         tables = (self, other)
         mine, its = (np.column_stack([part.positions, part.axes, part.drags, part.kinds]) for part in tables)
-        return mine.shape == its.shape and bool(np.abs(mine - its).max() <= SAME)
+        return mine.shape == its.shape and bool(np.abs(mine - its).max(initial=0.0) <= SAME)
 
     @property
     def is_parallel(self) -> bool:
@@ -188,6 +188,8 @@ class RotorTable:
 
     def has_symmetry(self, Q: Array) -> bool:
         """Return whether a turn or a mirror maps the rotors onto each other; a mirror reverses spins."""
+        if not self.count:
+            return True
         images = self.images(Q)
         moved, turned = self.positions @ Q.T - self.positions[images], self.axes @ Q.T - self.axes[images]
         same_spins = np.linalg.det(Q) * self.drags - self.drags[images]
@@ -229,8 +231,8 @@ def table_of(rotors: Sequence[ModuleRotor], l_arm: float, k_f: float, k_tau: flo
         k_tau: same for the torque coefficient [N m s^2].
         R: same for the radius [m].
     """
-    positions = np.array([rotor.position for rotor in rotors]) / l_arm
-    axes = np.array([rotor.axis for rotor in rotors])
+    positions = np.array([rotor.position for rotor in rotors]).reshape(-1, 3) / l_arm
+    axes = np.array([rotor.axis for rotor in rotors]).reshape(-1, 3)
     distances = np.linalg.norm(positions, axis=1)
     at_centre = distances <= SAME
     directions = (

@@ -3,8 +3,9 @@
 | symbol | meaning | unit |
 |---|---|---|
 | n, K | numbers of modules and load cases | |
+| r | number of rotors of a module; of types of module, the largest | |
 | m_E, m_J | masses of the end-effector and of a joint | kg |
-| m_t | total mass n m + m_E + (n - 1) m_J, plus the rod's in a design that counts it | kg |
+| m_t | total mass n m, or that of all types, + m_E + (n - 1) m_J, plus the rod's in a design that counts it | kg |
 | p_E | end-effector position from the platform COM | m |
 | W | task frame: axes of all vectors below | |
 """
@@ -13,8 +14,10 @@ from __future__ import annotations
 
 import math
 import re
+from itertools import product
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -28,16 +31,18 @@ from pydantic import (
 
 from topo_search.limits import LIMITS
 from topo_search.model import features, room
+from topo_search.model.arrays import Array
 from topo_search.model.end_effector import CountedRod, EndEffector, ResolvedEndEffector
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.folds import Folds, intersect
-from topo_search.model.kinds import Count, Index, NonEmpty, OneOf, Positive, Vector, at_most, omit_if
+from topo_search.model.kinds import OMIT_EMPTY, Count, Index, NonEmpty, OneOf, Positive, Vector, at_most, omit_if
 from topo_search.model.load_case import LoadCase, broken_rules, labels, objects, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, Module
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.search import Search
 from topo_search.model.shape import unit
-from topo_search.model.value import Broken, Value, every_field, show
+from topo_search.model.topology import LETTERS, Topology
+from topo_search.model.value import Broken, Value, every_field, refuse, show
 
 
 def _file_name(name: str) -> str:
@@ -68,7 +73,7 @@ class Task(Value):
     name: Annotated[str, AfterValidator(_file_name)]
     """Letters, digits, dots, dashes and underscores; names the run folder."""
     modules: Sizes
-    """Number of modules n, or [fewest, most]."""
+    """Number of modules n, or [fewest, most]; the sum of all counts with `module_types`, by default."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
     air_density: Annotated[Positive, omit_if(AIR_DENSITY)] = AIR_DENSITY
@@ -77,6 +82,8 @@ class Task(Value):
     """Seed of the random load cases of load_cases = "ten-wrenches"."""
     module: Annotated[Module, Field(validate_default=True)] = Module()
     """Module of the platform."""
+    module_types: Annotated[tuple[features.ModuleType, ...], OMIT_EMPTY] = ()
+    """Types of module, if the platform has several, with as many modules of each as it counts."""
     end_effector: EndEffector = EndEffector()
     """End-effector."""
     load_cases: LoadCases
@@ -96,12 +103,26 @@ class Task(Value):
     @classmethod
     def _derived_fields(cls, module: Module, info: ValidationInfo) -> Module:
         """Fill in `joint_mass` of a new task, and `max_thrust_to_weight` from `max_thrust` if gravity is valid."""
+        if not module.rotor_table.count:
+            refuse(("rotors", "must have at least one entry: only a type of module may have none"))
         fields, gravity, derived = module.model_fields_set, info.data.get("gravity"), dict[str, float]()
         if cls is Task and "joint_mass" not in fields:
             derived["joint_mass"] = features.joint_mass(module)
-        if module.max_thrust is not None and "max_thrust_to_weight" not in fields and gravity is not None:
-            derived["max_thrust_to_weight"] = module.thrust_to_weight(module.max_thrust, gravity)
-        return module.replace(**derived) if derived else module
+        module = module.replace(**derived) if derived else module
+        return module if gravity is None else module.with_thrust_to_weight(gravity)
+
+    @field_validator("module_types", mode="before")
+    @classmethod
+    def _sources(cls, types: Any, info: ValidationInfo) -> Any:
+        """Fill in what types of a new task leave out; those of a resolved task have every field."""
+        module, gravity = info.data.get("module"), info.data.get("gravity")
+        return features.with_sources(types, module, gravity) if cls is Task and module and gravity else types
+
+    @field_validator("module_types")
+    @classmethod
+    def _thrusts(cls, types: tuple[features.ModuleType, ...], info: ValidationInfo) -> Any:
+        gravity = info.data.get("gravity")
+        return types if gravity is None else tuple(kind.with_thrust_to_weight(gravity) for kind in types)
 
     @model_validator(mode="before")
     @classmethod
@@ -152,7 +173,7 @@ class Task(Value):
             yield field, f"`stand_off <= {farthest:g}` must hold, but got {show(end_effector.stand_off)}"
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
-            rotors = n * self.module.rotor_table.count
+            rotors = n * self.rotors_per_module
             units = self.force_unit(n), self.torque_unit(n)
             yield from broken_rules(self.load_cases, *units)
             if len(self.exposure) + len(objects(self.load_cases)) > LIMITS.requirements:
@@ -171,12 +192,15 @@ class Task(Value):
 
     def _broken_thrust(self) -> Broken:
         """Yield broken rules about limits of rotor inputs."""
+        modules: list[tuple[tuple[str | int, ...], Module]] = [(("module",), self.module)]
+        modules += [(("module_types", k), kind) for k, kind in enumerate(self.module_types)]
+        for field, module in modules:
+            due = module.thrust_coefficient * module.max_input(self.gravity)
+            if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
+                rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
+                but = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
+                yield (*field, "max_thrust"), f"{rule}, {but}"
         module = self.module
-        due = module.max_thrust_to_weight * module.mass * self.gravity / module.rotor_table.count
-        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
-            rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
-            but = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
-            yield ("module", "max_thrust"), f"{rule}, {but}"
         lowest = min((self.search.peak_input, *self.goals.peak_input))
         if module.min_input >= lowest:
             rule = f"must be less than the largest share that rotors may use, {lowest:g}"
@@ -197,14 +221,34 @@ class Task(Value):
 
     @property
     def rotor_count(self) -> int:
-        """Number of rotors of a task with a single size."""
-        return self.n * self.module.rotor_table.count
+        """n r: number of rotor inputs of a task with a single size; modules with fewer rotors have idle inputs."""
+        return self.n * self.rotors_per_module
+
+    @property
+    def types(self) -> tuple[Module, ...]:
+        """Types of module, or the module of a platform with one."""
+        return self.module_types or (self.module,)
+
+    @property
+    def rotors_per_module(self) -> int:
+        """r."""
+        return max(kind.rotor_table.count for kind in self.types)
+
+    @property
+    def longest_connector(self) -> float:
+        """Largest distance of a module's centre from its connectors [m]."""
+        return max(kind.connector_distance for kind in self.types)
+
+    def modules_mass(self, n: int) -> float:
+        """Return the mass of n modules [kg]."""
+        types = self.module_types
+        return sum(kind.count * kind.mass for kind in types) if types else n * self.module.mass
 
     def total_mass(self, n: int) -> float:
         """m_t of a platform of n modules [kg]."""
         rod, joints = self.end_effector.counted_rod, n - 1 + (self.search.closures or 0)
         rod_mass = 0.0 if rod is None else rod.mass
-        return n * self.module.mass + self.end_effector.mass + joints * self.module.joint_mass + rod_mass
+        return self.modules_mass(n) + self.end_effector.mass + joints * self.module.joint_mass + rod_mass
 
     @property
     def cases(self) -> tuple[LoadCase, ...]:
@@ -221,14 +265,14 @@ class Task(Value):
 
     def farthest_end_effector(self, n: int) -> float:
         """Return the largest allowed distance of p_E from the COM for n modules [m]."""
-        return FARTHEST_TIP * 2 * n * (self.module.connector_distance + self.module.arm_length)
+        return FARTHEST_TIP * 2 * n * (self.longest_connector + self.module.arm_length)
 
     def largest_reach(self, n: int) -> float | None:
         """Return the largest allowed distance of p_E from the connector of its rod for n modules [m]; None: any."""
         reach = self.end_effector.largest_reach
         if reach is not None:
             return reach or None
-        packed, rod = room.LARGE * room.packed_width(self.module, n), self.end_effector
+        packed, rod = room.LARGE * room.packed_width(self.longest_connector, n), self.end_effector
         # a fixed position may need a longer rod, which the audit notes
         limited = rod.rod == "straight" and rod.fixed_position is None
         return min(packed, self.stiff_length(n)) if limited else packed
@@ -250,7 +294,7 @@ class Task(Value):
         position, reach = self.end_effector.fixed_position, self.largest_reach(n)
         lever = self.farthest_end_effector(n) if position is None else math.hypot(*position)
         if reach is not None:
-            lever = min(lever, reach + 2 * n * self.module.connector_distance)
+            lever = min(lever, reach + 2 * n * self.longest_connector)
         return lever + TOLERANCE * self.module.arm_length
 
     def stiff_length(self, n: int) -> float:
@@ -290,13 +334,13 @@ class Task(Value):
     @property
     def exclusion_radius(self) -> float | None:
         """d_E: minimum distance of p_E from every module's centre [m]; None if not required."""
-        l_c = self.module.connector_distance if self.end_effector.exclusion else 0.0
+        l_c = self.longest_connector if self.end_effector.exclusion else 0.0
         return max(l_c, self.end_effector.stand_off) or None
 
     @property
     def separation(self) -> float:
         """r_m: minimum distance of module centres in the ablation [m]."""
-        return self.search.separation or 2 * self.module.arm_length
+        return self.search.separation or 2 * max(kind.arm_length for kind in self.types)
 
     @property
     def body_clearance(self) -> float | None:
@@ -304,7 +348,8 @@ class Task(Value):
         clearance = self.search.body_clearance
         if clearance is False or self.search.interference == "separation":
             return None
-        return clearance or 2 * (self.module.arm_length + self.module.body.rotor_radius)
+        flying = (kind for kind in self.types if kind.rotor_table.count)
+        return clearance or 2 * max(kind.arm_length + kind.body.rotor_radius for kind in flying)
 
     @property
     def centre_distance(self) -> float | None:
@@ -315,34 +360,38 @@ class Task(Value):
         `body_clearance`, and measures the parts themselves.
         """
         clearance = self.body_clearance
-        return None if clearance is None else max(clearance, 2 * room.body_radius(self.module))
+        return None if clearance is None else max(clearance, 2 * max(map(room.body_radius, self.types)))
 
     @property
     def parts_off_airflow(self) -> bool:
         """True if rotors, hubs and arms must stay out of other modules' airflow."""
         return self.body_clearance is not None or self.search.interference == "parts"
 
-    @property
-    def part_cover(self) -> room.Balls:
-        """Balls around rigid parts that the search keeps out of other modules' airflow and of solid regions.
+    def part_cover(self, module: Module) -> room.Balls:
+        """Return the balls around a module's parts that the search keeps out of other airflow and solid regions.
 
         If airflows must neither merge nor enter a solid region, parts inside their own airflow need no balls.
         """
         air_enters = any(exposure.solid and not exposure.geometry for exposure in self.exposure)
         needs_all = air_enters or self.search.interference != "airflow"
-        return room.whole_cover(self.module) if needs_all else room.part_cover(self.module)
+        return room.whole_cover(module) if needs_all else room.part_cover(module)
 
     def folds(self, margin: float = 0.0) -> Folds:
-        """Return the folds of hinges that the search allows, within +-pi/2 [rad].
+        """Return the folds of hinges that the search allows, within +-pi/2, of any two types of module [rad].
 
         With body clearance rotors must not touch the neighbour, and all parts must stay out of its airflow.
 
         Args:
             margin: required clearance [m].
         """
-        any_fold = ((-math.pi / 2, math.pi / 2),)
-        apart = any_fold if self.body_clearance is None else room.clear_folds(self.module, margin)
-        return intersect(apart, room.airflow_folds(self.module, margin)) if self.parts_off_airflow else any_fold
+        folds: Folds = ((-math.pi / 2, math.pi / 2),)
+        if not self.parts_off_airflow:
+            return folds
+        for first, second in product(self.types, repeat=2):
+            if self.body_clearance is not None:
+                folds = intersect(folds, room.clear_folds(first, second, margin))
+            folds = intersect(folds, room.airflow_folds(first, second, margin))
+        return folds
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
@@ -387,6 +436,7 @@ class Task(Value):
             **dict(self),
             "modules": n,
             "module": self.module.resolve(),
+            "module_types": tuple(kind.resolve() for kind in self.module_types),
             "end_effector": end_effector,
             "exposure": (*self.exposure, *objects(self.cases)),
             "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
@@ -409,6 +459,45 @@ class ResolvedTask(Task):
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty]
     flight: Annotated[features.AskedFlight, omit_if(features.AskedFlight())] = features.AskedFlight()
     tolerances: Annotated[features.Tolerances, omit_if(features.Tolerances())] = features.Tolerances()
+    types_of_nodes: Annotated[tuple[Index, ...], Field(exclude=True)] = ()
+    """Number of each module's type in a tree (`on`); not in files, where designs have names."""
+
+    @property
+    def modules_of_nodes(self) -> tuple[Module, ...]:
+        """Module at each node of the tree; ValueError if there are types of module, but no tree (`on`)."""
+        if not self.module_types:
+            return (self.module,) * self.n
+        if not self.types_of_nodes:
+            raise ValueError("a task with module_types needs a tree to say which type is where")
+        return tuple(self.module_types[k] for k in self.types_of_nodes)
+
+    @property
+    def counts(self) -> tuple[tuple[Module, int], ...]:
+        """Types of module, or the module of a platform with one, each with its number."""
+        return tuple((kind, kind.count) for kind in self.module_types) or ((self.module, self.n),)
+
+    def rotor_shares(self, kind: Module) -> Array:
+        """Return the largest squared speeds of a type's rotors over u_max of [module], shape (r,)."""
+        u_max = self.module.max_input(self.gravity)
+        return kind.max_input(self.gravity) / u_max * kind.input_shares(self.gravity)
+
+    @property
+    def connector_distances(self) -> Array:
+        """l_c of each module, shape (n,) [m]."""
+        return np.array([module.connector_distance for module in self.modules_of_nodes])
+
+    @property
+    def input_shares(self) -> Array:
+        """Largest squared speed of each rotor over u_max of [module], shape (n, r); 0 where a module has fewer."""
+        shares = np.zeros((self.n, self.rotors_per_module))
+        for row, module in zip(shares, self.modules_of_nodes, strict=True):
+            row[: module.rotor_table.count] = self.rotor_shares(module)
+        return shares
+
+    @property
+    def input_limits(self) -> Array:
+        """Largest squared speed of each rotor in a design, shape (n, r) [rad^2/s^2]."""
+        return self.max_input * self.input_shares
 
     @property
     def attitude(self) -> str:
@@ -437,6 +526,21 @@ class ResolvedTask(Task):
         if rod == self.end_effector.counted_rod:
             return self
         return self._regrow(self.with_fields("end_effector", counted_rod=rod))
+
+    def on(self, topology: Topology) -> ResolvedTask:
+        """Return the task for a tree or a lattice: with its closures, and its types of module.
+
+        Raises:
+            ValueError: it has other numbers of modules of each type than the task.
+        """
+        types = topology.types
+        if sorted(types) != [k for k, kind in enumerate(self.module_types) for _ in range(kind.count)]:
+            counts = ", ".join(
+                f"{kind.count} {kind.name} ({x})" for x, kind in zip(LETTERS, self.module_types, strict=False)
+            )
+            raise ValueError(f"must be of {counts or 'one type of module'}, but got {topology.key}")
+        task = self.with_closures(len(topology.closures))
+        return task if task.types_of_nodes == types else task.model_copy(update={"types_of_nodes": types})
 
     def with_closures(self, closures: int) -> ResolvedTask:
         """Return the task for a lattice with some joints beyond those of a tree; loads in units of weight grow."""

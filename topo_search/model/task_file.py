@@ -2,6 +2,7 @@
 
 import os
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import resources
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 from topo_search.limits import LIMITS
 from topo_search.model.files import load_text, validate
+from topo_search.model.module import Module
 from topo_search.model.task import Task
 from topo_search.model.text import Folder, toml_data
 from topo_search.model.value import BadInput, Fault, as_bad_input, nearest, show
@@ -43,20 +45,27 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
     task = validate(Task, data, name, Folder(folder))
-    if (merit := task.module.figure_of_merit(task.air_density)) > 1:
-        field = "torque_to_thrust" if task.module.torque_to_thrust else "torque_coefficient"
+    modules = [("module", task.module), *((f"module_types[{k}]", kind) for k, kind in enumerate(task.module_types))]
+    for path, module in modules:
+        if faults := list(_impossible_rotors(path, module, task.air_density)):
+            raise BadInput(name, faults)
+    return task
+
+
+def _impossible_rotors(path: str, module: Module, density: float) -> Iterator[Fault]:
+    """Yield a fault if the figure of merit of a module's rotors is above 1; `path`: its table."""
+    rotors, merit = module.rotor_table, module.figure_of_merit(density)
+    merits = merit * rotors.gains**1.5 / (abs(rotors.drags) * rotors.sizes)
+    if rotors.count and merit > 1:
+        field = "torque_to_thrust" if module.torque_to_thrust else "torque_coefficient"
         cause = "has so little drag torque for its thrust"
-        if (C_T := task.module.propeller_coefficient(task.air_density)) > 1:  # propellers have 0.05 to 0.2
+        if (C_T := module.propeller_coefficient(density)) > 1:  # propellers have 0.05 to 0.2
             field, cause = "thrust_coefficient", f"has C_T = {C_T:.3g}: is it in N s^2/rad^2, not per krpm^2?"
         rule = f"must give a figure of merit of at most 1, but got {merit:.3g}"
-        radius = task.module.body.rotor_radius
-        raise BadInput(name, [Fault(f"module.{field}", f"{rule}: no rotor of {radius:g} m radius {cause}")])
-    rotors = task.module.rotor_table
-    merits = merit * rotors.gains**1.5 / (abs(rotors.drags) * rotors.sizes)
-    if merits[q := int(merits.argmax())] > 1:
+        yield Fault(f"{path}.{field}", f"{rule}: no rotor of {module.body.rotor_radius:g} m radius {cause}")
+    elif rotors.count and merits[q := int(merits.argmax())] > 1:
         rule = f"must give a figure of merit of at most 1, but got {merits[q]:.3g}"
-        raise BadInput(name, [Fault(f"module.rotors[{q}].torque_coefficient", rule)])
-    return task
+        yield Fault(f"{path}.rotors[{q}].torque_coefficient", rule)
 
 
 def examples() -> list[str]:

@@ -13,13 +13,15 @@ with a child: bits 0..3 for the ports 0..3 of the root, bits 0..2 for the ports 
 child port b. Children follow in that order. Keys of aligned trees start with `a`. If any kappa is odd the key
 starts with `p`, and bit 3 of a non-root digit is the parity of kappa. A half turn of one module (kappa + 2) gives
 the same platform and the same key. Keys of flat lattices with cycles start with `f`: an aligned spanning tree, in
-which all neighbours on the square grid are bolted together.
+which all neighbours on the square grid are bolted together. With several types of module a dash and a letter per
+module follow, in the same order: `a300-aab` has the first type at the root and at its first child, and the second
+type at the other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import permutations
 from numbers import Integral
@@ -42,6 +44,8 @@ Bolt = tuple[int, int, int, int]
 ROOT: Joint = (-1, -1, -1)
 STEPS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 """Cells beside a module of a flat lattice, at its ports 0..3."""
+LETTERS = "abcdefghijklmnopqrstuvwxyz"
+"""Letters of the types in keys."""
 PORT_NAMES = ("+x", "+y", "−x", "−y")
 """Displayed names of the ports 0..3."""
 
@@ -54,6 +58,8 @@ class Topology:
     """One (parent, parent_port, child_port) per module, parents before children."""
     closures: tuple[Bolt, ...] = ()
     """Joints of a flat lattice beyond those of the tree: the rest of its pairs of neighbours, in order."""
+    types: tuple[int, ...] = ()
+    """Number of each module's type; empty: all are of one."""
 
     __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 (pydantic wants a dictionary)
 
@@ -76,6 +82,8 @@ class Topology:
                     users = f"joints {joint_at[module, port]} and {i} use it"
                     raise ValueError(f"port {port} of module {module} carries one joint, but {users}")
                 joint_at[module, port] = i
+        if self.types and len(self.types) != len(joints):
+            raise ValueError(f"types must name {len(joints)}, one for each module, but got {len(self.types)}")
         if self.closures and self.closures != self.neighbours:
             rule = f"must be all pairs of neighbours without a joint, {list(map(list, self.neighbours))}"
             raise ValueError(f"closures {rule}, but got {list(map(list, self.closures))}")
@@ -141,6 +149,7 @@ class Topology:
         letter, parity_bit = ("a", 0) if self.aligned else ("p", 8)
         letter = "f" if self.closures else letter
         digits: list[str] = []
+        order: list[int] = []
         stack = [0]
         while stack:
             i = stack.pop()
@@ -152,8 +161,10 @@ class Topology:
                     mask |= 1 << bit
                     next_modules.append(children[i, port])
             digits.append(f"{mask:x}")
+            order.append(i)
             stack.extend(reversed(next_modules))
-        return letter + "".join(digits)
+        types = "".join(LETTERS[self.types[i]] for i in order) if self.types else ""
+        return letter + "".join(digits) + (f"-{types}" if types else "")
 
     @classmethod
     def from_key(cls, key: str) -> Topology:
@@ -169,7 +180,8 @@ class Topology:
         """Return the tree of a networkx graph, the inverse of `graph`; its first node is the root.
 
         Every edge has `ports = {node: port}`: the port, 0 to 3, of each of its two modules. Its direction does not
-        matter; several edges between two nodes are one joint if their ports agree.
+        matter; several edges between two nodes are one joint if their ports agree. With several types of module
+        every node has the number of its `type`, from 0.
 
         Raises:
             ValueError: the graph is not a tree, an edge lacks ports, or the ports are invalid.
@@ -202,7 +214,9 @@ class Topology:
             ports = ports_of[frozenset((parent, child))]
             numbers[child] = len(numbers)
             joints.append((numbers[parent], ports[parent], ports[child]))
-        return cls(tuple(joints))
+        types: list[Any] = [tree.nodes[node].get("type") for node in numbers]
+        typed = all(kind in range(len(LETTERS)) for kind in types)
+        return cls(tuple(joints), types=tuple(int(kind) for kind in types if typed))
 
     @cached_property
     def bolts(self) -> tuple[Bolt, ...]:
@@ -242,7 +256,7 @@ class Topology:
         return start + end[-2::-1]
 
     def graph(self) -> nx.Graph[int]:
-        """Return the tree as a networkx graph whose edges have `ports = {module: port}`.
+        """Return the tree as a networkx graph whose edges have `ports = {module: port}`, and nodes any `type`.
 
         >>> list(Topology.from_key("a300").graph().edges)
         [(0, 1), (0, 2)]
@@ -253,6 +267,7 @@ class Topology:
         graph.add_nodes_from(range(self.n))
         for h, i, a, b in self.edges():
             graph.add_edge(h, i, ports={h: a, i: b})
+        nx.set_node_attributes(graph, dict(enumerate(self.types)), "type")
         return graph
 
 
@@ -262,9 +277,11 @@ def _from_key(key: str) -> Topology:
     if not key or key[0] not in "apf":
         raise ValueError(f"a topology key starts with `a`, `p` or `f`, but got {key!r}")
     try:
-        masks = [int(digit, 16) for digit in key[1:]]
+        tree, dash, letters = key.partition("-")
+        masks, types = [int(digit, 16) for digit in tree[1:]], tuple(map(LETTERS.index, letters))
     except ValueError:
-        raise ValueError(f"a topology key has hexadecimal digits after its letter, but got {key!r}") from None
+        rule = "a topology key has hexadecimal digits after its letter, and letters of types after a dash"
+        raise ValueError(f"{rule}, but got {key!r}") from None
     any_port = key[0] == "p"
     joints: list[Joint] = []
     open_slots: list[tuple[int, int]] = [(-1, -1)]
@@ -286,6 +303,8 @@ def _from_key(key: str) -> Topology:
         raise ValueError(f"key {key!r} ends before {len(open_slots)} of its modules are described")
     topology = Topology(tuple(joints))
     topology = topology.closed if key[0] == "f" else topology
+    if dash:
+        topology = replace(topology, types=types)
     if topology.key != key:
         raise ValueError(f"{key!r} is not canonical: the same tree has the key {topology.key!r}")
     return topology

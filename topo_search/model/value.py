@@ -323,6 +323,8 @@ def refuse(*broken: tuple[Location, str]) -> None:
 def every_field(value: Any, *, none: bool = True) -> Any:
     """Return a value as JSON data with the fields that files may omit; `none`: those without a value, too."""
     if isinstance(value, BaseModel):
-        fields = ((name, getattr(value, name)) for name in type(value).model_fields)
+        fields = (
+            (name, getattr(value, name)) for name, info in type(value).model_fields.items() if not info.exclude
+        )
         return {name: every_field(field, none=none) for name, field in fields if none or field is not None}
     return [every_field(entry, none=none) for entry in value] if isinstance(value, tuple) else value

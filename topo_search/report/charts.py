@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from topo_search.export import palette
+from topo_search.export.poses import throttles
 from topo_search.model import LEAST_EFFORT, Audit, BadInput, Clearance, Design, Fault, Objective
 from topo_search.model.exposure import solid_name
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.report import ON_ANY_PAGE, PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
+from verify.kinematics import has_rotor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -99,29 +101,29 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
 
 def rotor_inputs(design: Design) -> Figure:
     """Return the chart of every rotor input relative to u_max, a trace per load case."""
-    n = design.topology.n
-    u_max = np.tile(design.task.module.max_inputs(design.task.gravity), n)
-    rotors = design.task.module.rotor_table.count
-    x = np.arange(n).repeat(rotors) + np.tile(np.linspace(-0.3, 0.3, rotors), n)
-    names = [f"module {i}, rotor {q}" for i in range(n) for q in range(rotors)]
+    n, rotors = design.topology.n, [module.rotor_table.count for module in design.task.modules_of_nodes]
+    x = np.concatenate([i + np.linspace(-0.3, 0.3, count) for i, count in enumerate(rotors)])
+    names = [f"module {i}, rotor {q}" for i, count in enumerate(rotors) for q in range(count)]
     marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
-    inputs, looks = design.inputs.reshape(-1, rotors * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
+    shares, looks = throttles(design), itertools.cycle(zip(palette.SERIES, marks, strict=True))
+    inputs = design.inputs[:, has_rotor(design.task)]
     traces = [
         markers(
-            *(x.round(1).tolist(), (u / u_max).tolist(), case, colour),
+            *(x.round(1).tolist(), share.tolist(), case, colour),
             [f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
             "%{text}, %{y:.3f} u_max",
             symbol=symbol,
             size=6 if n <= 30 else 4,
         )
-        for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False)
+        for case, u, share, (colour, symbol) in zip(design.task.case_labels, inputs, shares, looks, strict=False)
     ]
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
     bounds = {"smallest input": design.task.module.min_input, largest: share}
+    across = "module" if len({*rotors}) > 1 else f"module ({rotors[0]} rotors each)"
     above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
     layout = {
-        **axes(f"module ({rotors} rotors each)", "rotor input over u_max", legend=-0.25),
+        **axes(across, "rotor input over u_max", legend=-0.25),
         "shapes": [level(bound, width=1.5) for bound in bounds.values()],
         "annotations": [{**above, "text": name, "y": bound} for name, bound in bounds.items()],
     }

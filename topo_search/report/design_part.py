@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from topo_search.export.audits import flight_lines
-from topo_search.export.poses import axis_words
+from topo_search.export.poses import axis_words, kind_of, throttles, thrusts
 from topo_search.limits import vector
 from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status, Vector
 from topo_search.model.air import AirSpeeds
@@ -21,8 +21,15 @@ from topo_search.report.wording import clearance, figures, length, quantity, rou
 
 def joints(design: Design) -> Table:
     """Return the joints in an order of assembly: each module is bolted to one that is already in place."""
+    names = [f"{i}{kind_of(design, i).name and f' ({kind_of(design, i).name})'}" for i in range(design.topology.n)]
     rows = [
-        [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
+        [
+            names[i],
+            f"{PORT_NAMES[b]} ({b})",
+            names[h],
+            f"{PORT_NAMES[a]} ({a})",
+            f"{figures(math.degrees(alpha), 5)}°",
+        ]
         for (h, a, i, b), alpha in design.bolts
     ]
     return Table(("module", "port", "bolted to module", "at port", "hinge angle"), rows, {0, 2, 4})
@@ -130,17 +137,16 @@ def user_constraints(design: Design, audit: Audit | None) -> Table | None:
 
 def loads(design: Design) -> Table:
     """Return the smallest and largest input of every load case, and its share of the control effort."""
-    u_max = design.task.module.max_inputs(design.task.gravity)
-    k_f = design.task.module.thrust_coefficient * design.task.module.rotor_table.gains
+    shares, lifts = throttles(design), thrusts(design)
     rows = []
     for k, (u, case) in enumerate(zip(design.inputs, design.task.load_cases, strict=True)):
         effort = case.weight * float(np.sum(u * u))
         share = effort / design.objective if design.objective else 0.0
         row = {
             "load case": f"{k} ({case.name})" if case.name else str(k),
-            "smallest input": f"{lower_text(float((u / u_max).min()), 4)} u_max",
-            "largest input": f"{upper_text(float((u / u_max).max()), 4)} u_max",
-            "thrust of all rotors": f"{figures(float((k_f * u).sum()))} N",
+            "smallest input": f"{lower_text(float(shares[k].min()), 4)} u_max",
+            "largest input": f"{upper_text(float(shares[k].max()), 4)} u_max",
+            "thrust of all rotors": f"{figures(float(lifts[k].sum()))} N",
             "share of J": f"{100 * share:.1f} %",
         }
         rows.append(row)

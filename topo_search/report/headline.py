@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple
 from markupsafe import Markup
 
 from topo_search.export import palette
-from topo_search.export.poses import poses_to_draw
+from topo_search.export.poses import poses_to_draw, throttles
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Design, Flight, Objective
 from topo_search.model.flight import direction
@@ -83,7 +83,7 @@ def headline(
         status = "fragile" * bool(air.fast)
         yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model", status)
     yield Tile("Modules", str(n), compared)
-    throttle = design.inputs / design.task.module.max_inputs(design.task.gravity)
+    throttle = throttles(design)
     mean = f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases"
     yield Tile("Peak throttle", rounded_up(100 * float(throttle.max()), " %"), mean)
     if flight is None:

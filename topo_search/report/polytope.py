@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from topo_search.export import palette
+from topo_search.export.poses import largest_inputs
 from topo_search.model import Array, Audit, Design, LoadCase
 from topo_search.model.largest_value import ability
 from topo_search.model.maximized import RESERVES, balls_of
@@ -20,7 +21,7 @@ from topo_search.report.charts import axes, line, markers
 from topo_search.report.wording import rounded_down
 from verify.flight.programs import Bounds
 from verify.flight.vehicle import force_hull
-from verify.kinematics import platform, required_wrench, wrench_map
+from verify.kinematics import has_rotor, platform, required_wrench, wrench_map
 
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 """Axes of the planes through the centre of a ball."""
@@ -88,7 +89,7 @@ def _facets(design: Design, case: LoadCase, *, is_force: bool, at_tip: bool) -> 
     """
     task, placed = design.task, platform(design)
     units = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    A = wrench_map(placed, task.module) * task.module.max_input(task.gravity)
+    A = wrench_map(placed, task.modules_of_nodes)[:, has_rotor(task).ravel()] * largest_inputs(task)
     wrenches = np.column_stack([A, required_wrench(case, placed.p_e)])
     if at_tip:
         wrenches[3:] -= np.cross(placed.p_e, wrenches[:3], axisb=0).T

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from topo_search.export import palette, solids
-from topo_search.export.poses import azimuth_deg, cone_slant, shapes, towards_viewer
+from topo_search.export.poses import azimuth_deg, cone_slant, connector, kind_of, kinds, shapes, towards_viewer
 from topo_search.export.solids import cylinder, join
 from topo_search.model import PORT_DIRECTIONS, Array, Assembly, Clearance, Design, Module, Status
 from topo_search.model.exposure import EXPOSURE_KINDS
@@ -65,16 +65,22 @@ def scene(
         nearest: the clearance to mark; None without an audit.
         assembly: the connector that holds the rod, and blocked connectors; None without an audit.
     """
-    every = list(range(design.topology.n))
     violated = nearest if nearest is not None and nearest.status is Status.VIOLATED else None
-    yield Part("airflow", "airflow", palette.AIRFLOW, "airflow", every, every, 0.2)
+    types = kinds(design)
+    flying = [kind for kind in types if kind.module.rotor_table.count]
+    for kind, copies in ((kind, (kind.nodes, kind.nodes)) for kind in flying):
+        yield Part("airflow", "airflow", palette.AIRFLOW, f"airflow{kind.suffix}", *copies, 0.2)
     yield from _regions(design, poses, violated)
-    yield Part("modules", "modules", palette.MODULE, "modules", every, every)
-    for q in range(design.task.module.rotor_table.count):
-        yield Part("rotors", "rotors", palette.ROTOR, f"rotor {q}", every, every, 0.6)
-    for name, colour in zip(SPINS.values(), palette.SPINS, strict=True):
-        yield Part("spin", name, colour, name, every, every)
-    yield Part("axes", "thrust axes", palette.THRUST_AXIS, "axes", every, every)
+    for kind in types:
+        name = kind.name or "modules"
+        yield Part("modules", name, kind.colour, f"modules{kind.suffix}", kind.nodes, kind.nodes)
+    for kind, copies in ((kind, (kind.nodes, kind.nodes)) for kind in flying):
+        for q in range(kind.module.rotor_table.count):
+            yield Part("rotors", "rotors", palette.ROTOR, f"rotor {q}{kind.suffix}", *copies, 0.6)
+        for (drag, name), colour in zip(SPINS.items(), palette.SPINS, strict=True):
+            if -drag in kind.module.rotor_table.spins:
+                yield Part("spin", name, colour, f"{name}{kind.suffix}", *copies)
+        yield Part("axes", "thrust axes", palette.THRUST_AXIS, f"axes{kind.suffix}", *copies)
     yield from _connectors(design, assembly)
     yield from _end_effector(design, poses, assembly)
     if nearest is not None and nearest.closest_m is not None:
@@ -84,10 +90,10 @@ def scene(
         if violated is None:
             yield Part("closest", "closest pair", palette.CLOSEST_PAIR, mark)
         else:
-            air = _airflow_of(violated)
             yield Part("violated", VIOLATED, palette.NOT_CLEAR, mark)
-            if air:
-                yield Part("violated", VIOLATED, palette.NOT_CLEAR, "airflow", air, air, 0.4)
+            for kind in flying:
+                if air := [i for i in _airflow_of(violated) if i in kind.nodes]:
+                    yield Part("violated", VIOLATED, palette.NOT_CLEAR, f"airflow{kind.suffix}", air, air, 0.4)
 
 
 def _airflow_of(pair: Clearance) -> list[int]:
@@ -101,7 +107,7 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
     """Return the picture as a Plotly figure; see `scene`."""
     import plotly.graph_objects as go  # slow to import, and not needed for pages
 
-    shared = meshes(design.task.module, sides=sides(design.topology.n))
+    shared = meshes_of(design)
     drawn, named = go.Figure(), set()
     for part in scene(design, poses, nearest, assembly):
         mesh = part.mesh
@@ -147,7 +153,9 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
     """
     l_arm, l_c, body = module.arm_length, module.connector_distance, module.body
     rotors, height = module.rotor_table, body.rotor_height / 2
-    by_name = {"airflow": solids.airflow(module, sides=sides), "modules": solids.frame(module)}
+    by_name = {"modules": solids.frame(module)}
+    if rotors.count:
+        by_name["airflow"] = solids.airflow(module, sides=sides)
     by_name |= {f"rotor {q}": disc for q, disc in enumerate(solids.rotor_discs(module, sides=sides))}
     for drag, name in SPINS.items():
         turning = [
@@ -157,7 +165,8 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
             )
             if spin == -drag
         ]
-        by_name[name] = join(turning)
+        if turning:
+            by_name[name] = join(turning)
     by_name["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]
     for port, direction in enumerate(PORT_DIRECTIONS):
         by_name[f"joint {port}"] = tube(np.zeros(3), l_c * direction, 0.6 * body.arm_width)
@@ -167,8 +176,17 @@ def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
 
 def shared_meshes(design: Design) -> dict[str, Any]:
     """Return the meshes that all modules of a design share, as JSON data for the page."""
-    shared = meshes(design.task.module, sides=sides(design.topology.n))
-    return {name: triangles_of(mesh) for name, mesh in shared.items()}
+    return {name: triangles_of(mesh) for name, mesh in meshes_of(design).items()}
+
+
+def meshes_of(design: Design) -> dict[str, Mesh]:
+    """Return the meshes that all modules of a type share, by name, and by type where there are types."""
+    detail = sides(design.topology.n)
+    return {
+        name + kind.suffix: mesh
+        for kind in kinds(design)
+        for name, mesh in meshes(kind.module, sides=detail).items()
+    }
 
 
 def sides(n: int) -> int:
@@ -215,28 +233,29 @@ def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:
     }
     free = [(port, module, module) for module, port in sorted(design.topology.free_connectors)]
     blocked = [copy for copy in free if copy[1::-1] in blocked_connectors]
+    suffixes = {i: kind.suffix for kind in kinds(design) for i in kind.nodes}
     open_ = [copy for copy in free if copy[1::-1] not in blocked_connectors]
     for kind, mesh, name, colour, copies in (
         ("joints", "joint", "joints", palette.CONNECTOR, joined),
         ("connectors", "connector", "free connectors", palette.FREE_PORT, open_),
         ("connectors", "connector", "connectors blocked for the rod", palette.BLOCKED_PORT, blocked),
     ):
-        for port in sorted({port for port, *_ in copies}):
-            modules, steps = zip(*(copy[1:] for copy in copies if copy[0] == port), strict=True)
-            yield Part(kind, name, colour, f"{mesh} {port}", modules, steps)
+        for port, suffix in sorted({(port, suffixes[i]) for port, i, _ in copies}):
+            chosen = (copy[1:] for copy in copies if (copy[0], suffixes[copy[1]]) == (port, suffix))
+            modules, steps = zip(*chosen, strict=True)
+            yield Part(kind, name, colour, f"{mesh} {port}{suffix}", modules, steps)
 
 
 def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) -> Iterator[Part]:
     """Yield the rod, or a line from the centre of mass without one, and both points, shown from the last step."""
-    module, tip, last = design.task.module, poses.end_effector, (design.topology.n,)
+    tip, last = poses.end_effector, (design.topology.n,)
     mount = design.mount if assembly is None else assembly.mount
     if mount is not None:
         i, port = mount.module, mount.port
-        foot = poses.p[i] + module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[port]
-        rod = tube(foot, tip, design.task.end_effector.rod_radius)
+        rod = tube(connector(design, poses, i, port), tip, design.task.end_effector.rod_radius)
         yield Part("rod", "rod", palette.END_EFFECTOR, rod, steps=last)
-        yield Part("rod", "rod", palette.END_EFFECTOR, f"joint {port}", [i], last)
-    r = 0.12 * module.arm_length
+        yield Part("rod", "rod", palette.END_EFFECTOR, f"joint {port}{kind_of(design, i).suffix}", [i], last)
+    r = 0.12 * design.task.module.arm_length
     yield Part("tip", "end-effector", palette.END_EFFECTOR, ball(tip, r), steps=last)
     yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(poses.p_com, r), steps=last)
     if mount is None:

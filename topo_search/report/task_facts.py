@@ -4,12 +4,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 from topo_search.limits import vector
-from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task, Tolerances
+from topo_search.model import AnyExposure, LoadCase, Module, ResolvedTask, Task, Tolerances
 from topo_search.model.folds import folds_text
 from topo_search.model.kinds import is_zero
 from topo_search.model.largest_value import AT_POINT, ability
 from topo_search.model.proven import upper_text
-from topo_search.report.wording import figures, length, quantity
+from topo_search.report.wording import figures, length, modules, quantity
 
 Facts = tuple[str, Sequence[tuple[str, str]]]
 """A group of facts: its title, then names and values."""
@@ -28,8 +28,7 @@ def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
     solids = [fact for exposure, fact in numbered if exposure.solid and not exposure.geometry]
     return (
         ("platform", list(_platform(task, *larger))),
-        ("module", list(_module(task))),
-        ("airflow envelope", list(_envelope(task))),
+        *_modules(task),
         ("end-effector", list(_end_effector(task))),
         *([("must stay out of the airflow", regions or platforms)] if regions or platforms else []),
         *([("airflow must stay where", inside)] if inside else []),
@@ -46,7 +45,8 @@ def _platform(*tasks: ResolvedTask) -> Iterator[tuple[str, str]]:
         return ", ".join(figures(value(task, task.n)) for task in tasks)
 
     numbers, gravity = ", ".join(str(task.n) for task in tasks), figures(tasks[0].gravity)
-    yield "size", f"{numbers} module{'s' * (numbers != '1')}"
+    types = ", ".join(f"{kind.count} {kind.name}" for kind in tasks[0].module_types)
+    yield "size", f"{numbers} module{'s' * (numbers != '1')}{types and ': '}{types}"
     yield "mass m_t", f"{each(ResolvedTask.total_mass)} kg, with {_included_parts(tasks[0])}"
     yield "weight m_t g", f"{each(ResolvedTask.force_unit)} N, at g = {gravity} m/s²"
     if tasks[0].attitude:
@@ -62,12 +62,30 @@ def _included_parts(task: ResolvedTask) -> str:
     return f"{'joints and ' * bool(task.module.joint_mass)}end-effector{rod}"
 
 
-def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
-    module, u_max, hover = task.module, task.module.max_input(task.gravity), task.module.hover_input(task.gravity)
+def _modules(task: ResolvedTask) -> Iterator[Facts]:
+    """Yield the module and its airflow envelope, of each type that there is."""
+    for kind in task.module_types:
+        yield f"type {kind.name}: {modules(kind.count)}", list(_module(task, kind))
+        if kind.rotor_table.count:
+            yield f"airflow envelope of {kind.name}", list(_envelope(task, kind))
+    if not task.module_types:
+        yield "module", list(_module(task, task.module))
+        yield "airflow envelope", list(_envelope(task, task.module))
+
+
+def _module(task: ResolvedTask, module: Module) -> Iterator[tuple[str, str]]:
+    u_max, hover = module.max_input(task.gravity), module.hover_input(task.gravity)
     k_f, k_tau, thrust_to_weight = module.thrust_coefficient, module.torque_coefficient, module.max_thrust_to_weight
     yield "mass m", f"{figures(module.mass)} kg"
-    if module.joint_mass:
-        yield "mass of a joint", f"{figures(module.joint_mass)} kg, at its connector"
+    if joint_mass := task.module.joint_mass:
+        yield "mass of a joint", f"{figures(joint_mass)} kg, at its connector"
+    if task.module_types and module.battery_Wh is not None:
+        yield "battery", f"{figures(module.battery_Wh)} W h"
+    if not module.rotor_table.count:
+        yield "hub", f"{' × '.join(map(length, module.body.hub))}" if module.body.frame is None else "a mesh"
+        yield "connector distance l_c", f"{figures(module.connector_distance)} m"
+        yield "rotors", "none"
+        return
     yield "arm length l_arm", f"{figures(module.arm_length)} m"
     yield "connector distance l_c", f"{figures(module.connector_distance)} m"
     yield "thrust coefficient k_f", f"{figures(k_f)} N s²"
@@ -92,23 +110,23 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "momentum of the jet", jet if module.rotor_table.is_x else f"{jet}; it was measured for an X"
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
     yield "rotor tip speed", "{} m/s at hover, {} m/s at full thrust".format(*tips)
-    if module.min_input:
-        yield "smallest input", f"{figures(module.min_input)} u_max"
+    if task.module.min_input:
+        yield "smallest input", f"{figures(task.module.min_input)} u_max"
     yield "input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"
 
 
-def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
-    envelope, rotors = task.module.envelopes[0], task.module.rotor_table
+def _envelope(task: ResolvedTask, module: Module) -> Iterator[tuple[str, str]]:
+    envelope, rotors = module.envelopes[0], module.rotor_table
     if tilt := math.degrees(rotors.tilt):
         whose = "each rotor has its own, along its axis" if rotors.has_own_jets else "one for all"
         yield "envelopes of a module", f"axes of rotors are up to {figures(tilt, 3)}° from the module's: {whose}"
     yield f"radius at the {'rotor' if rotors.has_own_jets else 'module'}", f"{figures(envelope.start_radius)} m"
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
     yield "length of the axis", f"{figures(envelope.length)} m"
-    airflow, module = task.module.airflow, task.module
+    airflow = module.airflow
     spread = airflow.spread_angle_deg if rotors.has_own_jets else module.spread_deg(airflow.spread_angle_deg)
     yield "full spreading angle", f"{figures(spread)}°"
-    if task.exposure and (regions := task.module.region_airflow) is not None:
+    if task.exposure and (regions := module.region_airflow) is not None:
         own, of_all = regions.spread_angle_deg, module.spread_deg(regions.spread_angle_deg)
         angle = figures(own if rotors.has_own_jets else of_all)
         sizes = f"{length(regions.start_radius)} at the module, full angle {angle}°"

@@ -158,10 +158,14 @@ USUAL_AT_TARGET = {
 
 
 def _sizes(value: Any, path: str = "") -> Iterator[tuple[str, str, float]]:
-    """Yield path, path without indices and largest absolute value of the fields with numbers other than zero."""
+    """Yield path, path without indices and largest absolute value of the fields with numbers other than zero.
+
+    Types of module are left out: `_types` takes each as the module.
+    """
     if isinstance(value, Value):
         for name, part in value:
-            yield from _sizes(part, f"{path}.{name}" if path else name)
+            if name != "module_types":
+                yield from _sizes(part, f"{path}.{name}" if path else name)
     elif isinstance(value, tuple) and value and isinstance(value[0], Value):
         for k, part in enumerate(value):
             yield from _sizes(part, f"{path}[{k}]")
@@ -258,9 +262,9 @@ def _by_mass(task: Task) -> Doubts:
             name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
         words = f"the thrust of a module is {ratio:.3g} times its weight, more than the usual {much:g}: {hint}"
         yield f"module.{name}", words
-    if tip.mass > n * module.mass:
+    if tip.mass > (mass := task.modules_mass(n)):
         modules = "the module" if n == 1 else f"all {n} modules"
-        yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {n * module.mass:g} kg: is it in kg?"
+        yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {mass:g} kg: is it in kg?"
     # tungsten, denser than any usual material, has 19,300 kg/m^3
     if (density := tip.rod_linear_density / (math.pi * tip.rod_radius**2)) > 20_000.0:
         yield (
@@ -280,11 +284,15 @@ def _accessories(task: Task) -> Doubts:
     module, tip, arm = task.module, task.end_effector, task.module.arm_length
     weight = task.force_unit(task.sizes[-1])
     yield from _usual("end_effector.rod_modulus", tip.rod_modulus, 1e8, 1e12, "Pa")
-    if module.battery_Wh is not None:  # cells have up to 0.3 kW h/kg
-        yield from _usual("module.battery_Wh", module.battery_Wh, 0.0, 500 * module.mass, "W h", " by its mass")
+    yield from _battery(module)
     for name, largest, unit in (("joint_force", 100 * weight, "N"), ("joint_moment", 100 * weight * arm, "N m")):
         if (rated := getattr(module, name)) is not None:
             yield from _usual(f"module.{name}", rated, 0.0, largest, unit, " by the platform's weight")
+
+
+def _battery(module: Module) -> Doubts:
+    if module.battery_Wh is not None:  # cells have up to 0.3 kW h/kg
+        yield from _usual("module.battery_Wh", module.battery_Wh, 0.0, 500 * module.mass, "W h", " by its mass")
 
 
 def _angles(task: Task) -> Doubts:
@@ -301,14 +309,33 @@ def _angles(task: Task) -> Doubts:
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of the task file."""
     n = task.sizes[-1]
-    parts = chain(_gravity(task), doubts(task), _module(task.module), _bracket(task.module), _lengths(task, n))
-    requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _tool_side(task), _search(task))
+    modules = chain(_module(task.module), _types(task), _bracket(task))
+    parts = chain(_gravity(task), doubts(task), modules, _lengths(task, n))
+    requirements = chain(
+        _frame(task.module), _meshes(task), _thrust(task, n), _load_cases(task, n), _tool_side(task), _search(task)
+    )
     return tuple(starmap(TaskWarning, chain(parts, requirements)))
 
 
 def _gravity(task: Task) -> Doubts:
     if not 9.76 <= task.gravity <= 9.84:  # from the equator to the poles
         yield "gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface"
+
+
+def _types(task: Task) -> Doubts:
+    """Yield what is suspicious about types of module, and not already about what they leave out."""
+
+    def of_module(task: Task) -> set[tuple[str, str]]:
+        module = task.module
+        parts = (_module_size(module), _battery(module), _module(module), _frame(module), _angles(task))
+        return {*chain(*parts, doubts(task) if module.rotor_table.count else _arm_lengths(task))}
+
+    known = of_module(task)
+    for k, kind in enumerate(task.module_types):
+        found = of_module(task.model_copy(update={"module": kind, "module_types": (), "modules": kind.count}))
+        for path, words in sorted(found - known):
+            if path.startswith("module."):
+                yield path.replace("module", f"module_types[{k}]", 1), words
 
 
 def _module(module: Module) -> Doubts:
@@ -333,22 +360,23 @@ def _module(module: Module) -> Doubts:
         )
 
 
-def _bracket(module: Module) -> Doubts:
-    """Yield a bracket that fits at no hinge angle."""
-    if module.bracket is None or (obstacle := bracket_obstacle(module)) is None:
+def _bracket(task: Task) -> Doubts:
+    """Yield a bracket that fits at no hinge angle, at a module of any type."""
+    if (sizes := task.module.bracket) is None:
         return
-    sizes = module.bracket
-    yield (
-        "module.bracket",
-        f"does not fit between the modules at any hinge angle: its flanges, {2 * sizes.half_width:.3g} m wide and "
-        f"{sizes.set_back:.3g} m from the connector, reach {obstacle} of their own module: make it smaller, or "
-        "connector_distance larger",
-    )
+    obstacles = (bracket_obstacle(kind.model_copy(update={"bracket": sizes})) for kind in task.types)
+    for obstacle in dict.fromkeys(filter(None, obstacles)):
+        yield (
+            "module.bracket",
+            f"does not fit between the modules at any hinge angle: its flanges, {2 * sizes.half_width:.3g} m wide "
+            f"and {sizes.set_back:.3g} m from the connector, reach {obstacle} of their own module: make it "
+            "smaller, or connector_distance larger",
+        )
 
 
 def _lengths(task: Task, n: int) -> Doubts:
     """Yield lengths at the target that may be in centimetres or millimetres."""
-    width = packed_width(task.module, n)
+    width = packed_width(task.longest_connector, n)
     for path, field, length in _sizes(task):
         if length > USUAL_AT_TARGET.get(field, math.inf) * width:
             yield (
@@ -358,13 +386,15 @@ def _lengths(task: Task, n: int) -> Doubts:
             )
 
 
+def _frame(module: Module) -> Doubts:
+    """Yield a frame that is larger than its mesh."""
+    if beyond := module.body.frame_excess:
+        words = f"reaches up to {upper_text(beyond, 3)} m beyond its mesh, because pieces are convex"
+        yield "module.body.frame", words
+
+
 def _meshes(task: Task) -> Doubts:
-    """Yield a frame and regions that are larger than their mesh."""
-    if beyond := task.module.body.frame_excess:
-        yield (
-            "module.body.frame",
-            f"reaches up to {upper_text(beyond, 3)} m beyond its mesh, because pieces are convex",
-        )
+    """Yield regions that are larger than their mesh."""
     for e, exposure in enumerate(task.exposure):
         for piece, excess in exposure.mesh_excesses():
             yield (
@@ -464,7 +494,12 @@ def _platform(n: int) -> str:
 
 def largest_thrust(task: Task, n: int) -> float:
     """Return the total thrust of all rotors of n modules that point in the same direction [N]."""
-    return n * task.module.rotor_table.count * task.module.thrust_coefficient * task.max_input
+    counts: list[tuple[Module, int]] = [(kind, kind.count) for kind in task.module_types]
+    peak, g = task.search.peak_input, task.gravity
+    return sum(
+        count * kind.rotor_table.count * kind.thrust_coefficient * (peak * kind.max_input(g))
+        for kind, count in counts or [(task.module, n)]
+    )
 
 
 def _hovers(case: LoadCase, weight: float) -> bool:

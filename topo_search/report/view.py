@@ -30,11 +30,19 @@ import numpy as np
 from markupsafe import Markup
 
 from topo_search.export import palette
-from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, poses_to_draw, towards_viewer
+from topo_search.export.allocation import largest_thrusts, thrust_matrix
+from topo_search.export.poses import (
+    azimuth_deg,
+    kinds,
+    largest_wrench,
+    load_wrenches,
+    poses_to_draw,
+    throttles,
+    towards_viewer,
+)
 from topo_search.export.solids import cylinder, join
 from topo_search.limits import vector as vector_text
-from topo_search.model import Array, Assembly, Audit, Design, Indices, LoadCase
+from topo_search.model import Array, Assembly, Audit, Design, Indices, LoadCase, Module, ResolvedTask
 from topo_search.model.mesh import Mesh, rotation_to
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest_words, ring, scene, straight_arrow
@@ -100,12 +108,10 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
 
     None if the platform cannot hover, or if all forces lie in a plane.
     """
-    module, weight = design.task.module, design.task.force_unit(design.topology.n)
-    scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
-    largest = np.tile(module.max_inputs(design.task.gravity) * module.rotor_table.gains, design.topology.n)
-    largest *= module.thrust_coefficient
-    F, T = np.split(largest * thrust_matrix(module, poses) / scale, 2)
-    x, y, z = poses.p_e / module.arm_length
+    task, weight = design.task, design.task.force_unit(design.topology.n)
+    scale = np.repeat([weight, weight * task.module.arm_length], 3)[:, None]
+    F, T = np.split(largest_thrusts(task) * thrust_matrix(task, poses) / scale, 2)
+    x, y, z = poses.p_e / task.module.arm_length
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f
     carried, bounds = np.array([0.0, 0.0, 1.0]), Bounds(np.zeros(F.shape[1]), np.ones(F.shape[1]))
     # the hull may have thousands of facets; five rounds approximate its volume within a few percent
@@ -140,7 +146,7 @@ def view(
         "numbered": design.topology.n <= NUMBERED,
         "marks": [["tip", poses.end_effector.round(6).tolist()], ["centre of mass", poses.p_com.round(6).tolist()]],
         "modules": _modules(design, poses, audit),
-        "throttle": (design.inputs / design.task.module.max_inputs(design.task.gravity)).round(6).tolist(),
+        "throttle": _throttles(design),
         "air": _air(design),
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
@@ -150,12 +156,34 @@ def view(
     }
 
 
+def _throttles(design: Design) -> list[list[list[float]]]:
+    """Return the throttle of each rotor, by load case and module."""
+    counts = np.cumsum([module.rotor_table.count for module in design.task.modules_of_nodes])[:-1]
+    return [[part.tolist() for part in np.split(row, counts)] for row in throttles(design).round(6)]
+
+
 def _air(design: Design) -> dict[str, Any]:
     """Return the parameters from which the script computes air speeds, besides poses and throttles [m, m/s]."""
-    module, l_arm = design.task.module, design.task.module.arm_length
-    table, I = module.rotor_table, np.eye(3)[None]
-    rotors, u_max = table.positions[None], np.full((1, table.count), module.max_input(design.task.gravity))
-    full = jets(module, design.task.air_density, np.zeros((1, 3)), I, rotors, u_max)
+    types = kinds(design)
+    return {
+        "of": [next(k for k, kind in enumerate(types) if i in kind.nodes) for i in range(design.topology.n)],
+        "types": [
+            {"rotors": _jets(kind.module, design.task), "jet": kind.module.airflow.jet.model_dump()}
+            for kind in types
+        ],
+        "merged": MODEL.merged_at,
+        "merges": MODEL.merges_over,
+        "shear": MODEL.shear,
+    }
+
+
+def _jets(module: Module, task: ResolvedTask) -> list[dict[str, Any]]:
+    """Return the jet of each rotor of a module in its frame [m, m/s]."""
+    table, l_arm, I = module.rotor_table, module.arm_length, np.eye(3)[None]
+    if not table.count:
+        return []
+    rotors, u_max = table.positions[None], np.full((1, table.count), module.max_input(task.gravity))
+    full = jets(module, task.air_density, np.zeros((1, 3)), I, rotors, u_max)
     starts, axes = table.jet_axes
     columns = {
         "at": (l_arm * table.positions).round(6),
@@ -167,13 +195,7 @@ def _air(design: Design) -> dict[str, Any]:
         "against": axes,
         "diameter": np.broadcast_to(l_arm * full.diameters, table.count),
     }
-    return {
-        "rotors": [{name: column[q].tolist() for name, column in columns.items()} for q in range(table.count)],
-        "merged": MODEL.merged_at,
-        "merges": MODEL.merges_over,
-        "shear": MODEL.shear,
-        "jet": module.airflow.jet.model_dump(),
-    }
+    return [{name: column[q].tolist() for name, column in columns.items()} for q in range(table.count)]
 
 
 def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any] | None:
@@ -202,8 +224,14 @@ def _modules(design: Design, poses: Platform, audit: Audit | None) -> list[str]:
         angle = f"hinge {figures(math.degrees(alpha), 3)}°"
         joints[i].append(f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, {angle}")
     tooltips = []
+    names = {i: f", {kind.name}" for kind in kinds(design) if kind.name for i in kind.nodes}
     for i, of_module in enumerate(joints):
-        lines = [f"module {i}", *of_module, f"centre {_vector(poses.p[i])} m", f"thrust axis {_vector(poses.z[i])}"]
+        lines = [
+            f"module {i}{names.get(i, '')}",
+            *of_module,
+            f"centre {_vector(poses.p[i])} m",
+            f"thrust axis {_vector(poses.z[i])}",
+        ]
         tooltips.append("\n".join([*lines, *([] if audit is None else _audit_lines(audit, i))]))
     return tooltips
 
@@ -246,6 +274,11 @@ def _vector(values: np.ndarray[Any, Any]) -> str:
     return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
 
 
+def _top(module: Module) -> Array:
+    """Return the corners of a hub's upper side in the module's frame, (4, 3) [m]."""
+    return np.array([[1, 1, 1], [-1, 1, 1], [-1, -1, 1], [1, -1, 1]]) * module.body.hub / 2
+
+
 def thumbnail(design: Design, side: int = 36) -> Markup:
     """Return a small picture of a design as inline SVG, from the viewpoint of the 3-D view.
 
@@ -260,10 +293,21 @@ def thumbnail(design: Design, side: int = 36) -> Markup:
     axes = np.stack([right, np.cross(right, towards)])  # right and down, like pixels
     angles = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
     circle = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    circles = design.task.module.rotor_radii[:, None, None] * circle
-    hubs = poses.p_com + poses.rotors
-    discs = hubs[:, :, None] + np.einsum("nij,qcj->nqci", poses.R, circles)
-    outline = np.concatenate([discs.reshape(-1, 3), poses.end_effector[None]]) @ axes.T
+    modules = design.task.modules_of_nodes
+    hubs = [poses.p_com + at[: module.rotor_table.count] for at, module in zip(poses.rotors, modules, strict=True)]
+    discs = np.concatenate(
+        [
+            hub[:, None] + (module.rotor_radii[:, None, None] * circle) @ R.T
+            for hub, module, R in zip(hubs, modules, poses.R, strict=True)
+        ]
+    )
+    bodies = [
+        poses.p[i] + _top(kind.module) @ poses.R[i].T
+        for kind in kinds(design)
+        if not kind.module.rotor_table.count
+        for i in kind.nodes
+    ]
+    outline = np.concatenate([discs.reshape(-1, 3), *bodies, poses.end_effector[None]]) @ axes.T
     low, high = outline.min(axis=0), outline.max(axis=0)
     tip = max(3, side // 40)
     scale = (side - 2 * tip) / max(*(high - low), 1e-9)
@@ -272,9 +316,10 @@ def thumbnail(design: Design, side: int = 36) -> Markup:
         flat = side / 2 + scale * (points @ axes.T - (low + high) / 2)
         return " ".join(f"{u:.0f},{v:.0f}" for u, v in flat)
 
-    back_first = np.argsort((hubs @ towards).ravel())
-    arms = "".join(f'<path d="M{pixels(hub[[0, 2]])}M{pixels(hub[[1, 3]])}"/>' for hub in hubs)
-    rotors = "".join(f'<polygon points="{pixels(discs.reshape(-1, sides, 3)[i])}"/>' for i in back_first)
+    back_first = np.argsort(np.concatenate(hubs) @ towards)
+    arms = "".join(f'<path d="M{pixels(hub[[0, 2]])}M{pixels(hub[[1, 3]])}"/>' for hub in hubs if len(hub) >= 4)
+    arms += "".join(f'<polygon points="{pixels(body)}" fill="{palette.ARM}"/>' for body in bodies)
+    rotors = "".join(f'<polygon points="{pixels(discs[i])}"/>' for i in back_first)
     x, y = pixels(poses.end_effector[None]).split(",")
     return Markup(
         f'<svg class="thumbnail" width="{side}" height="{side}" viewBox="0 0 {side} {side}" aria-hidden="true">'

@@ -22,6 +22,7 @@ from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, Sc
 from verify.air.bound import case_jets, ingested_wakes
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.programs import Bounds
+from verify.kinematics import has_rotor
 from verify.requirements import Scene
 
 HOVER_TOLERANCE = 1e-3
@@ -60,10 +61,13 @@ def static_failures(nominal: Nominal, torque: float | None) -> RotorsOut:
 
 def worst_wakes(design: Design) -> tuple[float, ...]:
     """Return W of each rotor, in the wakes of its worst load case [N]."""
-    module, density = design.task.module, design.task.air_density
-    V = np.max([ingested_wakes(jets)[1].ravel() for _, jets in case_jets(Scene(design))], axis=0)
-    radii = np.tile(module.rotor_radii, design.topology.n)
-    return tuple((2 * density * math.pi * (radii * module.wake_loss * V) ** 2).tolist())
+    density, modules = design.task.air_density, design.task.modules_of_nodes
+    V = np.max([ingested_wakes(jets)[1][has_rotor(design.task)] for _, jets in case_jets(Scene(design))], axis=0)
+    radii, losses = (
+        np.concatenate(x)
+        for x in zip(*((m.rotor_radii, np.full_like(m.rotor_radii, m.wake_loss)) for m in modules), strict=True)
+    )
+    return tuple((2 * density * math.pi * (radii * losses * V) ** 2).tolist())
 
 
 def hover_losses(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, float]:
@@ -213,7 +217,7 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario
             why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
             planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
     required = design.task.flight.rotor_out != "none"
-    return [*planned, scenarios.dead_rotor(rotor, design.task.module, counts=rotor_out or required)]
+    return [*planned, scenarios.dead_rotor(rotor, design.task, counts=rotor_out or required)]
 
 
 def _weakest_corners(design: Design) -> set[tuple[int, int]]:

@@ -162,7 +162,7 @@ def film(path: Path, radius: float) -> Film:
 
 def radius(design: Design) -> float:
     """Return the radius of a ball about the centre of mass that contains the design [m]."""
-    built, module = platform(design), design.task.module
-    reach = max(module.arm_length + module.body.rotor_radius, module.connector_distance)
+    built, types = platform(design), design.task.types
+    reach = max(max(kind.arm_length + kind.body.rotor_radius, kind.connector_distance) for kind in types)
     distances = np.linalg.norm(np.concatenate([built.p - built.p_com, built.p_e[None]]), axis=1)
     return float(distances.max()) + reach

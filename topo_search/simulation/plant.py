@@ -18,7 +18,7 @@ from xml.etree.ElementTree import SubElement
 import mujoco
 import numpy as np
 
-from topo_search.export.allocation import thrust_matrix
+from topo_search.export.allocation import largest_thrusts, thrust_matrix
 from topo_search.export.hover import Hover
 from topo_search.export.mjcf import Physics, mjcf, numbers
 from topo_search.export.poses import mass_of, rod_of
@@ -202,7 +202,7 @@ def in_wakes(thrusts: Array, wakes: Array) -> Array:
 
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     """Return the controller's model of a design about its own COM; `rod_mass` adds a rod that the task ignores."""
-    task, module, built = design.task, design.task.module, platform(design)
+    task, built = design.task, platform(design)
     m, J, c = task.total_mass(design.topology.n), inertia(design, built), np.zeros(3)
     J = (J + J.T) / 2
     is_ignored = task.end_effector.counted_rod is None
@@ -212,18 +212,17 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
         c = mass / (m + mass) * middle
         J = J + m * _steiner(c) + J_rod + mass * _steiner(middle - c)
         m += mass
-    B = np.ascontiguousarray(thrust_matrix(module, built))  # products of arrays depend on their layout, bit by bit
+    B = np.ascontiguousarray(thrust_matrix(task, built))  # products of arrays depend on their layout, bit by bit
     B[3:] -= np.cross(c, B[:3].T).T
-    thrusts = module.thrust_coefficient * module.max_inputs(task.gravity) * module.rotor_table.gains
     return Nominal(
         mass=m,
         com=read_only(c),
         J=read_only(J),
         B=read_only(B),
-        largest_thrust=read_only(np.tile(thrusts, design.topology.n)),
-        least_share=task.min_input / module.max_input(task.gravity),
+        largest_thrust=read_only(largest_thrusts(task)),
+        least_share=task.min_input / task.module.max_input(task.gravity),
         gravity=task.gravity,
-        arm=module.arm_length,
+        arm=task.module.arm_length,
         tip=read_only(built.p_e - c),
     )
 

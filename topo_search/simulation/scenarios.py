@@ -4,9 +4,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from topo_search.model import Array, Design, LoadCase, Module
-from topo_search.model.reserves import rotor_name
+from topo_search.model import Array, Design, LoadCase, ResolvedTask
 from topo_search.simulation.plant import Nominal, Wall
+from verify.kinematics import has_rotor
 
 BALANCE_TOLERANCE = 1e-6
 """Largest unbalanced part of a load case's COM wrench in a steady flight [m_t g, l_arm m_t g]."""
@@ -88,9 +88,10 @@ def gust(nominal: Nominal, *, counts: bool) -> Scenario:
     return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind, counts=counts)
 
 
-def dead_rotor(rotor: int, module: Module, *, counts: bool) -> Scenario:
+def dead_rotor(rotor: int, task: ResolvedTask, *, counts: bool) -> Scenario:
     """Return hover in which a rotor fails, with three seconds to recover height and attitude."""
-    return Scenario(f"{rotor_name(rotor, module)} dies", 8.0, 4.0, dead=rotor, counts=counts)
+    i, q = np.argwhere(has_rotor(task))[rotor].tolist()
+    return Scenario(f"rotor {q} of module {i} dies", 8.0, 4.0, dead=rotor, counts=counts)
 
 
 def imbalance(design: Design, case: LoadCase) -> str | None:

@@ -152,12 +152,13 @@ def _front_point(row: Row, design: Design, audit: Audit, number: int, level: Lev
     if task.search.interference == "separation":
         excluded.add("airflow")
     clearance = min((pair.analytic_m for pair in audit.pairs if pair.kind not in excluded), default=None)
+    limits = task.module.max_input(task.gravity) * task.input_shares  # 0: no rotor
     exclusion = min((pair.analytic_m for pair in audit.pairs if pair.kind == "exclusion"), default=None)
     return FrontPoint(
         row=row,
         clearance=clearance,
         stand_off=None if exclusion is None else exclusion + (task.exclusion_radius or 0.0),
-        peak_input=float((design.inputs / task.module.max_inputs(task.gravity)).max()),
+        peak_input=float((design.inputs[:, limits > 0] / limits[limits > 0]).max()),
         number=number,
         level=level,
         speed=None if audit.air is None else audit.air.region_m_s,

@@ -285,11 +285,15 @@ def refuse_unprovable(request: Request, name: str) -> None:
     """Refuse a task that cannot be proven, before it is searched.
 
     Raises:
-        BadInput: the task has goals, a lattice, too many modules or other rotors; `name`: the faulty input.
+        BadInput: the task has goals, a lattice, types of module, too many modules or other rotors; `name`: the
+            faulty input.
     """
     _refuse_goals(request, name)
     if request.task.search.lattice is not None:
         raise BadInput(name, [Fault("search.lattice", "must be left out: branch and bound takes trees")])
+    if types := request.task.module_types:
+        rule = f"must be left out: branch and bound takes modules of one kind, but got {len(types)}"
+        raise BadInput(name, [Fault("module_types", rule)])
     if not request.task.module.rotor_table.is_flat_quadrotor:
         rule = "must be four along the module's axis, at most arm_length from its centre, for branch and bound"
         raise BadInput(name, [Fault("module.rotors", f"{rule}; the lower bound holds for any")])

@@ -20,7 +20,7 @@ from typing import Any, Literal, get_args
 from pydantic import Field
 
 from topo_search.engine import Candidates
-from topo_search.engine.features import LatticeCandidates, ListedCandidates
+from topo_search.engine.features import LatticeCandidates, ListedCandidates, TypedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task, Value
@@ -248,14 +248,15 @@ class Request:
     def _resolve_candidates(self, n: int) -> tuple[Candidates, Resolution]:
         task, inputs = self.task.resolve(n), self.user_inputs
         if inputs.topologies is not None:
-            keys = [key for key in inputs.topologies if len(key) - 1 == n]
+            keys = [key for key in inputs.topologies if len(key.partition("-")[0]) - 1 == n]
             return ListedCandidates(task, keys), Resolution("c1", True, "every listed topology is a candidate")
         by_number, by_mirror = inputs.sensitive("numbering", "mirror"), inputs.sensitive("mirror")
         flat = task.search.lattice is not None
+        space = LatticeCandidates if flat else TypedCandidates if task.module_types else Candidates
         free = not task.search.root_ranges
         if self.symmetry == "task" and by_number is not None and not flat:
             reason = f"every rooted tree is a candidate: {by_number!r} may depend on module numbers"
-            return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)
+            return space(task, "none", rooted=True), Resolution("c1", True, reason)
         rotations_only = free and self.symmetry == "task" and by_mirror is not None and exact_group(task) != "c1"
         symmetry: Symmetry = "c2" if rotations_only else self.symmetry
         resolution = resolve_symmetry(task, symmetry)
@@ -268,7 +269,7 @@ class Request:
         elif violator is not None and resolution.exact:
             reason = f"lossy: {violator!r} may distinguish trees that are merged"
             resolution = Resolution(resolution.group, False, reason)
-        return (LatticeCandidates if flat else Candidates)(task, symmetry), resolution
+        return space(task, symmetry), resolution
 
     def covers(self, n: int) -> bool:
         """True if the candidates represent every tree of n modules that the task's connectors and root allow.

@@ -31,12 +31,14 @@ from functools import lru_cache
 from itertools import accumulate, islice
 from math import comb
 from random import Random
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.topology import LETTERS
 from topo_search.topologies.rooted import (
     GROUPS,
     Connectors,
+    Element,
     Group,
     Root,
     Rooted,
@@ -66,8 +68,8 @@ def forests(trees: int, modules: int) -> int:
 Build = Callable[[Sequence[str], Random, Connectors], Rooted]
 
 
-class _Shape(NamedTuple):
-    """Family of trees that are each built from a forest of ternary trees."""
+class TreeShape(NamedTuple):
+    """Family of trees that an element leaves as they are, each built from a forest of ternary trees."""
 
     trees: int
     """Number of trees of the forest."""
@@ -75,32 +77,41 @@ class _Shape(NamedTuple):
     """Number of modules of the forest."""
     number: int
     """Number of trees of this shape."""
+    fixed: int
+    """Number of modules that the element leaves in place."""
     build: Build
     """Function that builds a tree from the codes of a forest and draws the remaining choices."""
 
+    def draw(self, random: Random, element: Element, connectors: Connectors) -> Rooted:
+        """Draw one of the trees uniformly."""
+        tree = self.build(_draw_forest(random, self.trees, self.modules, connectors), random, connectors)
+        return turn(tree, element[0] // 2) if element[1] else tree
+
 
 @lru_cache(maxsize=512)
-def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: Root) -> list[_Shape]:
+def shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: Root) -> list[TreeShape]:
     """Return the shapes of the trees that are invariant under an element (q, mirror) of a group.
 
     Mirrors are represented by those in the x axis and in the diagonal between x and y.
     """
+    half, odd = divmod(n, 2)
 
-    def shape(trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0) -> _Shape:
+    def shape(
+        trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0, fixed: int = odd
+    ) -> TreeShape:
         # times: trees per forest; same: forests per tree; joints: those outside of the forest
         number = times * forests(trees, modules) // same
-        return _Shape(trees, modules, number << (modules + joints if connectors == "any" else 0), build)
+        return TreeShape(trees, modules, number << (modules + joints if connectors == "any" else 0), fixed, build)
 
-    half, odd = divmod(n, 2)
     free = root == "free"
     if mirror and quarters % 2 == 0:
         rows = [
-            shape(L, (n - L) // 2, _row_on_axis, times=1 if free else L, joints=L - 1)
+            shape(L, (n - L) // 2, _row_on_axis, times=1 if free else L, joints=L - 1, fixed=L)
             for L in range(2 - odd, n + 1, 2)
         ]
         return rows if odd or not free else [shape(3, half - 1, _joint_across_axis), *rows]
     if quarters == 0:
-        return [shape(4, n - 1, lambda ports, *_: (ports[0], ports[1], ports[2], ports[3]), same=n if free else 1)]
+        return [shape(4, n - 1, lambda p, *_: (p[0], p[1], p[2], p[3]), same=n if free else 1, fixed=n)]
     if mirror:
         return [shape(2, half, lambda ports, *_: _beside_diagonal(*ports))] if odd else []
     if quarters % 2:  # one tree at all four ports of a centre
@@ -143,20 +154,19 @@ def classes(n: int, group: Group, connectors: Connectors, root: Root) -> int:
 
 def _draw_tree(random: Random, n: int, group: Group, connectors: Connectors, root: Root) -> Rooted:
     """Draw a tree of n modules whose class under a group is uniformly distributed."""
-    quarters, mirror = GROUPS[group][_draw_index(random, _weights(n, group, connectors, root))]
-    shapes = _shapes(quarters, mirror, n, connectors, root)
+    quarters, mirror = GROUPS[group][draw_index(random, _weights(n, group, connectors, root))]
+    several = shapes(quarters, mirror, n, connectors, root)
     on_axis = mirror and quarters % 2 == 0  # the only elements with several shapes
-    shape = shapes[_draw_index(random, [shape.number for shape in shapes])] if on_axis else shapes[0]
-    tree = shape.build(_draw_forest(random, shape.trees, shape.modules, connectors), random, connectors)
-    return turn(tree, quarters // 2) if mirror else tree
+    shape = several[draw_index(random, [shape.number for shape in several])] if on_axis else several[0]
+    return shape.draw(random, (quarters, mirror), connectors)
 
 
 @lru_cache(maxsize=64)
 def _weights(n: int, group: Group, connectors: Connectors, root: Root) -> tuple[int, ...]:
-    return tuple(sum(shape.number for shape in _shapes(*element, n, connectors, root)) for element in GROUPS[group])
+    return tuple(sum(shape.number for shape in shapes(*element, n, connectors, root)) for element in GROUPS[group])
 
 
-def _draw_index(random: Random, weights: Sequence[int]) -> int:
+def draw_index(random: Random, weights: Sequence[int]) -> int:
     """Draw an index with probability proportional to its integer weight."""
     remainder = random.randrange(sum(weights))
     for index, weight in enumerate(weights):
@@ -210,6 +220,9 @@ class Family:
     With the paper's root, rooted trees are distinct. With the free root a tree is represented by its rootings at
     its centroids: one, or two adjacent ones for even n.
     """
+
+    counts: tuple[int, ...] = ()
+    """Number of modules of each type, of trees with types."""
 
     def __init__(
         self,
@@ -293,9 +306,16 @@ class Family:
         return list(islice(self.draws(seed), m))
 
     def _representative(self, topology: Topology) -> Rooted:
+        return self._least(rooted_of(self.own_key(topology)))
+
+    def own_key(self, topology: Topology) -> str:
+        """Return the key of a topology with its own root; ValueError if it has other connectors or types."""
         if self.connectors == "aligned" and not topology.aligned:
             raise ValueError(f"an aligned topology has only even kappas, but got {list(topology.kappas)}")
-        return self._least(rooted_of(topology.key))
+        if sorted(topology.types) != [k for k, count in enumerate(self.counts) for _ in range(count)]:
+            counts = [f"{count} {letter}" for count, letter in zip(self.counts, LETTERS, strict=False)]
+            raise ValueError(f"must be of {', '.join(counts) or 'one type of module'}, but got {topology.key}")
+        return topology.key
 
     def _least(self, rooted: Rooted) -> Rooted:
         return min(self._equivalents(rooted if self.root == "paper" else centre(rooted), self.group), key=text_of)
@@ -344,38 +364,4 @@ class Family:
 def with_spins_reversed(topology: Topology) -> Topology:
     """Return the tree with all rotor spins reversed: every joint moves to the next port."""
     first, *joints = topology.joints
-    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
-
-
-def candidate_of(topology: Topology, **family: Any) -> Candidate:
-    """Return the candidate of a topology; `family`: arguments of `Family`."""
-    return Family(topology.n, **family).candidate_of(topology)
-
-
-def candidates(n: int, **family: Any) -> Iterator[Candidate]:
-    """Yield the candidates of n modules in ascending order of keys; `family`: arguments of `Family`.
-
-    >>> [topology.key for topology in candidates(3)]
-    ['a300', 'a500', 'a600', 'aa00']
-    """
-    return Family(n, **family).candidates()
-
-
-def count(n: int, **family: Any) -> int:
-    """Return the number of candidates of n modules in closed form; `family`: arguments of `Family`.
-
-    >>> [count(n) for n in range(1, 7)]
-    [1, 2, 4, 14, 49, 216]
-    >>> count(5, symmetry="none")
-    91
-    """
-    return Family(n, **family).count()
-
-
-def sample(n: int, m: int, seed: int, **family: Any) -> list[Topology]:
-    """Return m candidates of n modules, drawn independently and uniformly; `family`: arguments of `Family`.
-
-    >>> [topology.key for topology in sample(4, 3, seed=0)]
-    ['a5020', 'a3010', 'a7000']
-    """
-    return Family(n, **family).sample(m, seed)
+    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)), types=topology.types)

@@ -1,17 +1,18 @@
 """A user's list of candidates: keys, trees or graphs, checked against the task before anything is solved."""
 
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Fault, Task, Topology
+from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
 from topo_search.model.value import show
 
 if TYPE_CHECKING:
     import networkx as nx
 
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
-"""Tree, key, or graph whose edges have `ports = {module: port}`, as returned by `Topology.graph`."""
+"""Tree, key, or graph as returned by `Topology.graph`; its nodes may name their `type` instead of its number."""
 
 
 def own_candidates(
@@ -35,6 +36,7 @@ def own_candidates(
     """
     import networkx as nx
 
+    resolve = cache(task.resolve)
     if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
         actual = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
         raise BadInput(source, f"must be a list of topologies, but got {actual}")
@@ -44,13 +46,20 @@ def own_candidates(
             raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
-            key = _require_allowed(own_topology(item), task).key
+            topology = own_topology(item, task)
+            if topology.n not in task.sizes:
+                sizes = " or ".join(map(str, task.sizes))
+                raise ValueError(
+                    f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}"
+                )
+            refuse_unlike(topology, resolve(topology.n))
+            key = topology.key
             if key in positions:
                 raise ValueError(f"must be listed once, but {key} is in {positions[key]} already")
             positions[key] = position
         except ValueError as error:
             faults.append(Fault(position, str(error)))
-    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in positions}]
+    missing = [n for n in task.sizes if n not in {len(key.partition("-")[0]) - 1 for key in positions}]
     if not faults and missing:
         rule = f"a topology of each size of the task, but none has {missing[0]} modules"
         faults.append(Fault("", f"must list {rule if positions else 'at least one topology, but has none'}"))
@@ -61,12 +70,12 @@ def own_candidates(
     return tuple(sorted(positions))
 
 
-def own_topology(given: OwnTopology) -> Topology:
-    """Return the tree of a user's input; ValueError if it is invalid."""
+def own_topology(given: OwnTopology, task: Task) -> Topology:
+    """Return the tree of a user's input for a task; ValueError if it is invalid."""
     if isinstance(given, Topology):
         return given
     if isinstance(given, str):
-        if len(given) > LIMITS.modules + 1:
+        if len(given) > 2 * LIMITS.modules + 2:
             raise ValueError(
                 f"must be a key of at most {LIMITS.modules} modules, but got a text of {len(given):,} characters"
             )
@@ -74,23 +83,27 @@ def own_topology(given: OwnTopology) -> Topology:
     import networkx as nx
 
     if isinstance(given, nx.Graph):
-        return Topology.from_graph(given)
+        return Topology.from_graph(_with_numbers(given, task) if task.module_types else given)
     raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
 
 
-def _require_allowed(topology: Topology, task: Task) -> Topology:
-    """Return a tree if it can be a candidate for a task; ValueError otherwise."""
-    if topology.n not in task.sizes:
-        sizes = " or ".join(map(str, task.sizes))
-        raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
-    refuse_joints(topology, task)
-    return topology
+def _with_numbers(graph: "nx.Graph[Any]", task: Task) -> "nx.Graph[Any]":
+    """Return a graph whose nodes have the number of their type, for the name of a type or this number."""
+    numbered, names = graph.copy(), [kind.name for kind in task.module_types]
+    for node, data in numbered.nodes(data=True):
+        kind = data.get("type")
+        if kind not in names and kind not in range(len(names)):
+            rule = f"must have a `type`, one of {', '.join(map(show, names))} or its number from 0"
+            raise ValueError(f"the node {node!r} {rule}, but got {kind!r}")
+        data["type"] = names.index(kind) if kind in names else kind
+    return numbered
 
 
-def refuse_joints(topology: Topology, task: Task) -> None:
-    """Raise ValueError if a task allows no joints as those of a topology."""
+def refuse_unlike(topology: Topology, task: ResolvedTask) -> None:
+    """Raise ValueError if a task has other connectors or types of module than a topology."""
     if task.search.connectors == "aligned" and not topology.aligned:
         raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')
     if topology.closures != (topology.neighbours if task.search.lattice else ()):
         rule = "must have all neighbours bolted together" if task.search.lattice else "needs search.lattice"
         raise ValueError(f"{topology.key} {rule}")
+    task.on(topology)

@@ -99,9 +99,9 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration,
     the rod's axis and a fixed p_E onto themselves, and the weight if hover is required. Balls, paths along p_E and
     cones towards the COM allow every isometry. Among several isometries the one closest to a plain reflection is
-    returned. There is none if the module is no mirror image of itself.
+    returned. There is none if a module is no mirror image of itself.
     """
-    if not has_symmetry(task.module, MIRROR):
+    if not all(has_symmetry(module, MIRROR) for module in task.types):
         return None
     features = _features(to_corners(task))
     kinds, best = _kinds(features), None
@@ -268,7 +268,7 @@ def _frame(along: Array, beside: Array) -> Array:
 
 def exact_group(task: ResolvedTask) -> Group:
     """Return the largest group under which trees have the same optimum, with the free root."""
-    if not has_symmetry(task.module, HALF_TURN):
+    if not all(has_symmetry(module, HALF_TURN) for module in task.types):
         return "c1"
     return "c2" if improper_isometry(task) is None else "d2"
 
@@ -297,7 +297,8 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
             one = "lattices" if task.search.lattice else "rooted trees"
             return Resolution(group, True, f"with {attitude} no two {one} are the same design")
         return Resolution(group, False, f"lossy: with {attitude} only the identity is exact")
-    changed = "half a turn changes the module"
+    module = "a type of module" if task.module_types else "the module"
+    changed = f"half a turn changes {module}"
     if exact == "c1" and symmetry != "task" and (group != "c1" or connectors == "any"):
         return Resolution(group, False, f"lossy: {changed}")
     if group == "c1":
@@ -306,7 +307,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
     turns = "turning modules by " + ("180 deg" if connectors == "aligned" else "90 deg, with opposite spin,")
     merged = f"trees that differ only by {turns} are merged"
-    lacking = "the task" if has_symmetry(task.module, MIRROR) else "the module"
+    lacking = "the task" if all(has_symmetry(kind, MIRROR) for kind in task.types) else module
     if group == "c2":
         if symmetry != "task":
             return Resolution(group, True, merged)

@@ -17,7 +17,7 @@ default rotor in hover. Averages over a disc are of degree 5 (Abramowitz and Ste
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ import numpy as np
 from topo_search.model import Array, Module, Residual, Status
 from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
+from topo_search.model.rotors import UP
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
 from verify.bodies import AllowedCone, ConeSphere, ball, basis_across, nearest_on_axis
 from verify.certificate import RoundBody
@@ -213,7 +214,7 @@ def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
     inputs = scene.design.inputs
     for name, u in zip(task.case_labels, inputs, strict=True):
-        yield name, jets(task.module, task.air_density, scene.centres, scene.R, rotors, u)
+        yield name, jets(task.modules_of_nodes, task.air_density, scene.centres, scene.R, rotors, u, scene.l_arm)
 
 
 def speed_residuals(found: Findings) -> Iterator[Residual]:
@@ -243,7 +244,7 @@ def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
             for number, exposure in enumerate(exposures)
             if exposure.contact is None
         ),
-        rotors=tuple(_rotors(jets, scene.design.task.module, scene.design.task.air_density)),
+        rotors=tuple(_rotors(jets, scene.design.task.modules_of_nodes, scene.design.task.air_density)),
     )
 
 
@@ -269,18 +270,20 @@ def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> Region
     )
 
 
-def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
+def _rotors(jets: Jets, modules: Sequence[Module], density: float) -> Iterator[RotorAir]:
     """Yield the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
-    thrusts_of_squares = 2 * density * math.pi * module.rotor_radii**2
     through, along = ingested_wakes(jets)
     for (i, q), v in np.ndenumerate(jets.induced):
+        module = modules[i]
+        if q >= module.rotor_table.count:
+            continue
         loss = min(1.0, module.wake_loss * float(along[i, q]) / float(v)) if v else 0.0
         yield RotorAir(
             module=i,
             rotor=q,
             ingested_m_s=clamp(float(through[i, q])),
             thrust_loss=loss,
-            lost_N=clamp(loss * float(thrusts_of_squares[q]) * float(v) ** 2),
+            lost_N=clamp(loss * float(2 * density * math.pi * module.rotor_radii[q] ** 2) * float(v) ** 2),
         )
 
 
@@ -290,11 +293,16 @@ def ingested_wakes(jets: Jets) -> tuple[Array, Array]:
     Both have the shape (n, r) [m/s].
     """
     weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
-    planes = [np.stack(basis_across(axis)[::-1]) for axis in jets.table.axes]
-    offsets = np.einsum("q,kp,qpj->qkj", jets.radii, DISC, planes)
-    through, along = np.zeros(jets.induced.shape), np.zeros(jets.induced.shape)
+    directions = np.where(jets.shares[..., None] > 0, jets.axes, UP)  # any, of rotors that a type of module lacks
+    planes = [np.stack(basis_across(axis)[::-1]) for axis in directions.reshape(-1, 3)]
+    shape = jets.induced.shape
+    offsets = np.einsum(
+        "...q,kp,...qpj->...qkj", jets.radii, DISC, np.reshape(planes, (*directions.shape[:-1], 2, 3))
+    )
+    through, along = np.zeros(shape), np.zeros(shape)
+    of_modules = np.broadcast_to(offsets, (*shape, *offsets.shape[-2:]))
     for i, (R, discs, axes) in enumerate(zip(jets.poses, jets.rotors, jets.rotor_axes, strict=True)):
-        points = discs[:, None] + offsets @ R.T
+        points = discs[:, None] + of_modules[i] @ R.T
         flow = wakes(jets.drop(i), points.reshape(-1, 3)).reshape(*points.shape[:2], -1, 3)
         through[i] = np.einsum("k,qkn->q", weights, np.linalg.norm(flow, axis=3))
         along[i] = np.maximum(-np.einsum("k,qkni,qi->q", weights, flow, axes), 0.0)

@@ -173,7 +173,8 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
     fastest = bound_speed(air, RoundBody(ball(np.zeros(3), radius)), limit=speed)
     if fastest.at_least < speed:
         raise Unreached(fastest)
-    points = _faster_outside(air, EnvelopeShape(SEARCH.point, 0.0, SEARCH.point), radius, speed, math.inf)
+    phi, point = _half_range(module), EnvelopeShape(SEARCH.point, 0.0, SEARCH.point)
+    points = _faster_outside(air, phi, point, radius, speed, math.inf)
     if not len(points):
         raise ArithmeticError(f"air reaches {speed} m/s only within {SEARCH.point} arm lengths of the centre")
     margin = SEARCH.margin
@@ -188,7 +189,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
         if volume(*shape) > SEARCH.enough * smallest.least_volume:
             margin /= 2
             continue
-        outside = _faster_outside(air, shape, radius, speed, clearance)
+        outside = _faster_outside(air, phi, shape, radius, speed, clearance)
         if not len(outside):
             return SpeedEnvelope(
                 start_radius_m=a,
@@ -213,22 +214,22 @@ def envelope_air(module: Module, density: float, thrust: float) -> EnvelopeAir:
         density: rho [kg/m^3].
         thrust: T [N].
     """
-    air, (a, g, l) = _module_jets(module, density, thrust), EnvelopeShape.of(module)
+    air, (a, g, l), phi = _module_jets(module, density, thrust), EnvelopeShape.of(module), _half_range(module)
     cos, tilt, b = math.sqrt(1 - g * g), math.asin(g), a + g * l
 
     def side(length: float) -> float:
         """Return the largest speed on the side within a length from its lower end."""
-        return _fastest(air, lambda s: (l - g * b - cos * s, b * cos - g * s), length)
+        return _fastest(air, phi, lambda s: (l - g * b - cos * s, b * cos - g * s), length)
 
     level = a / cos if a * g <= l * (1 - g * g) else math.sqrt(b * b - l * l)
-    merged, span = MODEL.merged_at * float(air.diameters.max()), air.table.span
+    merged, span = MODEL.merged_at * float(air.diameters.max()), module.rotor_table.span
     return EnvelopeAir(
         side_m_s=side(l * cos),
         side_merged_m_s=side((l - g * b - merged) / cos) if merged < l - g * b else None,
         end_m_s=_fastest(
-            air, lambda s: (l - b * np.sin(tilt - s / b), b * np.cos(tilt - s / b)), b * (math.pi / 2 + tilt)
+            air, phi, lambda s: (l - b * np.sin(tilt - s / b), b * np.cos(tilt - s / b)), b * (math.pi / 2 + tilt)
         ),
-        rotor_plane_m_s=_fastest(air, lambda s: (0.0 * s, level + s), max(span - level, 0.0)),
+        rotor_plane_m_s=_fastest(air, phi, lambda s: (0.0 * s, level + s), max(span - level, 0.0)),
     )
 
 
@@ -238,23 +239,26 @@ def _module_jets(module: Module, density: float, thrust: float) -> Jets:
     return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], rotors.positions[None], inputs)
 
 
-def _half_range(air: Jets) -> float:
+def _half_range(module: Module) -> float:
     """Return half the range of phi."""
-    return SEARCH.octant / 2 if air.table.is_x else math.pi
+    return SEARCH.octant / 2 if module.rotor_table.is_x else math.pi
 
 
-def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float, cell_size: float) -> Array:
+def _faster_outside(
+    air: Jets, half_range: float, shape: EnvelopeShape, radius: float, speed: float, cell_size: float
+) -> Array:
     """Return points (z, r), (m, 2), outside a cone-sphere that reach a speed; if empty, it is proven that none do.
 
     Args:
         air: the jets of one module.
+        half_range: half the range of phi.
         shape: the cone-sphere.
         radius: distance from the origin beyond which no air reaches the speed.
         speed: the speed [m/s].
         cell_size: cell size below which the search ends if any points are known.
     """
     h, points = radius / 2, [np.zeros((0, 2))]
-    cells = np.array([[-h, h], [h, h], *[[_half_range(air)] * 2] * 2])
+    cells = np.array([[-h, h], [h, h], *[[half_range] * 2] * 2])
     while cells.size:
         cells = cells[:, shape.excess(*cells[:2]) > -math.sqrt(2) * h]
         z, r, phi, half_angle = cells
@@ -274,16 +278,17 @@ def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float
     return np.concatenate(points)
 
 
-def _fastest(air: Jets, curve: Callable[[Array], tuple[Array, Array]], length: float) -> float:
+def _fastest(air: Jets, half_range: float, curve: Callable[[Array], tuple[Array, Array]], length: float) -> float:
     """Return a bound on the speed on a surface of revolution, at most SEARCH.sharp times a speed on it.
 
     Args:
         air: the jets of one module.
+        half_range: half the range of phi.
         curve: maps the distance along the profile curve to (z, r).
         length: length of the curve.
     """
     h, fastest, pruned = length / 2, 0.0, 0.0
-    s, phi, half_angle = np.array([h]), np.array([_half_range(air)]), np.array([_half_range(air)])
+    s, phi, half_angle = np.array([h]), np.array([half_range]), np.array([half_range])
     while len(s):
         z, r = curve(s)
         arc = (r + h) * half_angle

@@ -1,6 +1,6 @@
 r"""Jet model of the air that modules move: speeds at points, and upper bounds over balls.
 
-Lengths are in l_arm. A module with rotors q = 1..r, in its own frame, with its jet along -z:
+Lengths are in the l_arm of `[module]`. A module with rotors q = 1..r, in its own frame, with its jet along -z:
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -47,6 +47,7 @@ A slipstream is along its rotor's axis, the far field along the module's. Where 
 own envelope (`RotorTable.has_own_jets`), their jets do not merge: each has a far field of its own along its axis,
 with a_q = 1 and L = 2 R. The far field was measured for quadrotors; L is the distance of opposite rotors, or twice
 the farthest rotor's distance from the axis, and no less than 2 R. So a single rotor keeps 0.968 of its momentum.
+Modules of several types have the jets of their types; of rotors that a type lacks, v_q, a_q and k_q are 0.
 
 Jets are straight; speeds are time averages in free air, without walls, ground or wind. Peaks of a jet are about 1.5
 times as high. Swirl is left out: if it is as fast in all of a slipstream, a rotor's torque makes it
@@ -63,12 +64,13 @@ the arc times the sine of the largest tilt. At h = 0 the bound is the speed itse
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model import Array, Module
-from topo_search.model.rotors import RotorTable
+from verify.kinematics import per_rotor
 
 
 class JetModel(NamedTuple):
@@ -94,43 +96,38 @@ class Jets(NamedTuple):
     """Orientations R_i, shape (n, 3, 3)."""
     rotors: Array
     """Centres of the discs, shape (n, r, 3) [l_arm]."""
-    radii: Array
-    """R of each, shape (r,) [l_arm]."""
     induced: Array
     """v_q, shape (n, r) [m/s]."""
-    table: RotorTable
-    """The rotors of each module."""
-    decay: float
-    origin: float
-    half_width: float
+    radii: Array
+    """R of each, shape (r,), or (n, r) of modules of several types, as are all below [l_arm]."""
+    axes: Array
+    """Directions of the rotors' thrusts in the module's frame, shape (r, 3)."""
+    alone: Array
+    """True where the jets of rotors do not merge, shape (1,)."""
+    diameters: Array
+    """L of each merged jet, of modules, shape (1,), or rotors, shape (r,) [l_arm]."""
+    shares: Array
+    """a_q, shape (r,)."""
+    decay: Array | float
+    origin: Array | float
+    half_width: Array | float
+    reach: float
+    """Largest distance of a disc's centre from its module's [l_arm]."""
 
     @property
     def rotor_axes(self) -> Array:
         """Directions of the rotors' thrusts, shape (n, r, 3)."""
-        return np.asarray(np.einsum("nij,qj->nqi", self.poses, self.table.axes))
+        axes = np.broadcast_to(self.axes, self.rotors.shape)
+        return np.asarray(np.einsum("nij,nqj->nqi", self.poses, axes))
 
     @property
     def merged(self) -> tuple[Array, Array]:
         """Where merged jets start, and their axes against the flow: of modules, (n, 1, 3), or rotors, (n, r, 3)."""
-        if self.table.has_own_jets:
-            return self.rotors, self.rotor_axes
-        return self.centres[:, None], self.poses[:, None, :, 2]
-
-    @property
-    def diameters(self) -> Array:
-        """L of each merged jet, shape (1,) or (r,) [l_arm]."""
-        return np.asarray(2 * self.table.jet_radii(self.radii)[: self.merged[0].shape[1]])
-
-    @property
-    def shares(self) -> Array:
-        """a_q, shape (r,)."""
-        alone = self.table.has_own_jets
-        return np.ones_like(self.radii) if alone else np.asarray(self.radii**2 / (self.radii**2).sum())
-
-    @property
-    def reach(self) -> float:
-        """Largest distance of a disc's centre from its module's [l_arm]."""
-        return float(self.table.distances.max())
+        centres, axes = self.centres[:, None], self.poses[:, None, :, 2]
+        if not self.alone.any():
+            return centres, axes
+        alone = self.alone[..., None]
+        return np.where(alone, self.rotors, centres), np.where(alone, self.rotor_axes, axes)
 
     @property
     def ended(self) -> float:
@@ -139,32 +136,68 @@ class Jets(NamedTuple):
 
     def drop(self, module: int) -> Jets:
         """Return the jets of all other modules."""
-        return self._replace(
-            centres=np.delete(self.centres, module, axis=0),
-            poses=np.delete(self.poses, module, axis=0),
-            rotors=np.delete(self.rotors, module, axis=0),
-            induced=np.delete(self.induced, module, axis=0),
-        )
+        shared = self._fields[4:] if self.radii.ndim == 1 else ("reach",)
+        names = (name for name in self._fields if name not in shared)
+        return self._replace(**{name: np.delete(getattr(self, name), module, axis=0) for name in names})
 
 
 def jets(
-    module: Module, density: float, centres: Array, poses: Array, rotors: Array, squared_speeds: Array
+    modules: Module | Sequence[Module],
+    density: float,
+    centres: Array,
+    poses: Array,
+    rotors: Array,
+    squared_speeds: Array,
+    l_arm: float | None = None,
 ) -> Jets:
-    """Return the jets of equal modules.
+    """Return the jets of modules.
 
     Args:
-        module: the module's properties.
+        modules: the properties of each module, or of all.
         density: rho [kg/m^3].
         centres: positions of the modules, shape (n, 3) [l_arm].
         poses: orientations, shape (n, 3, 3).
         rotors: centres of the discs, shape (n, r, 3) [l_arm].
         squared_speeds: u, shape (n, r) [rad^2/s^2]; negative values count as zero.
+        l_arm: unit of lengths [m]; None: that of the modules.
     """
-    table, radii, jet = module.rotor_table, module.rotor_radii, module.airflow.jet
-    thrusts = module.thrust_coefficient * table.gains * np.maximum(squared_speeds, 0.0)
-    induced = np.sqrt(thrusts / (2 * density * math.pi * radii**2))
-    l_arm = module.arm_length
-    return Jets(centres, poses, rotors, radii / l_arm, induced, table, jet.decay, jet.origin, jet.half_width)
+    modules = (modules,) if isinstance(modules, Module) else modules
+    l_arm, several = l_arm or modules[0].arm_length, len(set(modules)) > 1
+    modules = modules if several else modules[:1]
+    k_f = per_rotor(modules, lambda module: module.thrust_coefficient * module.rotor_table.gains)
+    discs = per_rotor(modules, lambda module: 2 * density * math.pi * module.rotor_radii**2)
+    induced = np.sqrt(k_f * np.maximum(squared_speeds, 0.0) / np.where(discs, discs, 1.0))
+    radii = per_rotor(modules, lambda module: module.rotor_radii / l_arm)
+    alone = np.array([[module.rotor_table.has_own_jets] for module in modules])
+    merged = None if alone.any() else 1
+    diameters = per_rotor(modules, lambda module: _diameters(module, l_arm)[:merged])
+    fields = {
+        "radii": np.where(radii, radii, 1.0),
+        "axes": per_rotor(modules, lambda module: module.rotor_table.axes),
+        "alone": alone,
+        "diameters": np.where(diameters, diameters, 1.0),
+        "shares": per_rotor(modules, _shares),
+        "decay": np.array([[module.airflow.jet.decay] for module in modules]),
+        "origin": np.array([[module.airflow.jet.origin] for module in modules]),
+        "half_width": np.array([[module.airflow.jet.half_width] for module in modules]),
+    }
+    reach = max(
+        module.arm_length / l_arm * float(module.rotor_table.distances.max(initial=0.0)) for module in modules
+    )
+    columns = {name: column if several else column[0] for name, column in fields.items()}
+    return Jets(centres, poses, rotors, induced, **columns, reach=reach)
+
+
+def _diameters(module: Module, l_arm: float) -> Array:
+    """Return L of the merged jet of each rotor, shape (r,) [l_arm]."""
+    own = module.arm_length
+    return np.asarray(2 * (own / l_arm) * module.rotor_table.jet_radii(module.rotor_radii / own))
+
+
+def _shares(module: Module) -> Array:
+    """Return a_q, shape (r,)."""
+    areas = module.rotor_radii**2
+    return np.ones_like(areas) if module.rotor_table.has_own_jets else np.asarray(areas / areas.sum())
 
 
 def speeds(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> Array:
@@ -214,11 +247,11 @@ class _Balls(NamedTuple):
 def _balls(air: Jets, x: Array, h: Array | float = 0.0, arc: Array | float = 0.0) -> _Balls:
     radius = np.broadcast_to(np.asarray(h, dtype=float), (len(x),))[:, None, None]
     turned = np.broadcast_to(np.asarray(arc, dtype=float), (len(x),))[:, None, None]
-    sine = float(np.linalg.norm(air.table.axes[:, :2], axis=1).max())
+    sine = float(np.linalg.norm(air.axes[..., :2], axis=-1).max())
     z, from_axis = _depths_below(x, air.rotors, air.rotor_axes)
     depth, from_merged_axis = _depths_below(x, *air.merged)
     moved, sunk = radius + turned, radius + turned * sine
-    merged, aside = (sunk, moved) if air.table.has_own_jets else (radius, radius)
+    merged, aside = (sunk, moved) if air.alone.any() else (radius, radius)
     return _Balls(
         shallow=depth - merged,
         deep=depth + merged,
@@ -250,7 +283,7 @@ def _inflow(air: Jets, balls: _Balls) -> Array:
 
 def sink(air: Jets, from_disc: Array) -> Array:
     """Return k at distances from the discs, shape (..., r)."""
-    return np.asarray((1 + math.sqrt(2) * from_disc / air.radii) ** -2)
+    return np.asarray((air.shares > 0) * (1 + math.sqrt(2) * from_disc / air.radii) ** -2)
 
 
 def _jet(air: Jets, balls: _Balls) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| N = r n, K | rotors, load cases | | |
+| N, K | numbers of rotors and load cases; types of module may have fewer than r | | |
 | v | inputs over the largest input of a rotor | (N,) | |
 | A | wrench map about the COM, W = A v | (6, N) | m_t g, l_arm m_t g |
 | b_k | wrench of hover (k = 0) and of every load case | (6,) | the same |
@@ -30,7 +30,19 @@ from typing import Any
 
 import numpy as np
 
-from topo_search.model import Array, CaseFlight, Design, Flags, Flight, JointLoad, LoadCase, RotorsOut, Wrench
+from topo_search.model import (
+    Array,
+    CaseFlight,
+    Design,
+    Flags,
+    Flight,
+    Indices,
+    JointLoad,
+    LoadCase,
+    ResolvedTask,
+    RotorsOut,
+    Wrench,
+)
 from topo_search.model.kinds import Vector
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import ROTOR_OUT_TORQUE, weight_cases
@@ -38,7 +50,7 @@ from verify.assembly import rod_moment
 from verify.flight import balls
 from verify.flight.joints import children_in_cycles, inertia, joint_loads
 from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
-from verify.kinematics import Platform, platform, required_wrench, wrench_map
+from verify.kinematics import Platform, has_rotor, platform, required_wrench, wrench_map
 from verify.residuals import clamp
 from verify.sections import Findings
 
@@ -60,7 +72,7 @@ def flight(found: Findings) -> Flight | None:
     rod, of_task = None if tip is None else tip.rod, task.end_effector
     is_ignored = (of_task.rod, of_task.rod_mass) == ("straight", "ignored")
     angle = None if errors is None else errors.hinge_angle_deg
-    rotors = placed.rotors.reshape(-1, 3)
+    rotors, flying = placed.rotors[has_rotor(task)], [kind for kind in task.types if kind.rotor_table.count]
     span = max(float(np.linalg.norm(rotors - rotor, axis=1).max()) for rotor in rotors)
     return Flight(
         cases=case_reserves(design, analysis),
@@ -77,7 +89,7 @@ def flight(found: Findings) -> Flight | None:
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
         rod_moment_Nm=None if rod is None or not is_ignored else rod_moment(rod, placed, task.gravity),
-        span_m=clamp(span + 2 * float(task.module.rotor_radii.max())),
+        span_m=clamp(span + 2 * max(float(kind.rotor_radii.max()) for kind in flying)),
     )
 
 
@@ -96,8 +108,8 @@ def case_reserves(design: Design, analysis: CapabilityAnalysis | None = None) ->
 def _analysis(design: Design, offset: Array) -> CapabilityAnalysis:
     """Return the analysis of a design whose centre of mass is off by a vector [m]."""
     task, placed = design.task, platform(design)
-    max_inputs = np.tile(task.module.max_inputs(task.gravity), task.n)
-    A = wrench_map(placed, task.module) * max_inputs
+    exists, max_inputs = has_rotor(task), _max_inputs(task)
+    A = wrench_map(placed, task.modules_of_nodes)[:, exists.ravel()] * max_inputs
     N = A.shape[1]
     return CapabilityAnalysis(
         np.vstack([A[:3], _torques_about(offset, A)]),
@@ -105,11 +117,16 @@ def _analysis(design: Design, offset: Array) -> CapabilityAnalysis:
         (task.force_unit(task.n), task.module.arm_length),
         Bounds(np.full(N, task.module.min_input), np.ones(N)),
         dict(zip(task.case_labels, task.load_cases, strict=True)),
-        [None, *(design.inputs.reshape(len(task.load_cases), N) / max_inputs)],
+        [None, *(design.inputs[:, exists] / max_inputs)],
         inertia(design, placed),
         task.flight.rotor_out_torque,
-        design.topology.n,
+        np.argwhere(exists),
     )
+
+
+def _max_inputs(task: ResolvedTask) -> Array:
+    """Return the largest squared speeds of all rotors, shape (N,) [rad^2/s^2]."""
+    return np.concatenate([module.max_inputs(task.gravity) for module in task.modules_of_nodes])
 
 
 class CapabilityAnalysis:
@@ -125,7 +142,7 @@ class CapabilityAnalysis:
         J: inertia about the COM, shape (3, 3) [kg m^2]; None: unknown.
         rotor_out_torque: torque of any direction that must be left after a rotor failure [N m], which is then
             computed; None: the default decides which failures are survived.
-        modules: number of modules, to which the rotors belong in equal parts.
+        numbers: module and number of each rotor there, shape (N, 2); None: all are of one module.
     """
 
     def __init__(
@@ -138,9 +155,9 @@ class CapabilityAnalysis:
         inputs: Sequence[Array | None],
         J: Array | None,
         rotor_out_torque: float | None = None,
-        modules: int = 1,
+        numbers: Indices | None = None,
     ) -> None:
-        self._rotors_each = A.shape[1] // modules
+        self._numbers = np.argwhere(np.ones((1, A.shape[1]))) if numbers is None else numbers
         self.force, arm = units
         self.torque = arm * self.force
         unit = np.repeat([self.force, self.torque], 3)
@@ -282,7 +299,7 @@ class CapabilityAnalysis:
             weakest = int(np.argmin(lower))
             left["torque_reserve_Nm"] = float(lower[weakest]) * self.torque
             left["torque_reserve_at_most_Nm"] = clamp(float(upper.min()) * self.torque)
-            left["weakest"] = divmod(weakest, self._rotors_each)
+            left["weakest"] = tuple(self._numbers[weakest].tolist())
         return RotorsOut(
             survive=int(survived.sum()),
             hover_only=int(hover_only.sum()),
@@ -294,7 +311,7 @@ class CapabilityAnalysis:
 
     def _rotors(self, which: Flags) -> tuple[tuple[int, int], ...]:
         """Return module and rotor numbers of the selected rotors, shape (N,)."""
-        return tuple(divmod(int(j), self._rotors_each) for j in np.flatnonzero(which))
+        return tuple((i, q) for i, q in self._numbers[which].tolist())
 
     @cached_property
     def _failures(self) -> list[balls.RotorFailures]:
@@ -387,13 +404,13 @@ def _joint_loads(
     analysis: CapabilityAnalysis, design: Design, platform: Platform, holder: int | None
 ) -> tuple[JointLoad, ...]:
     """Return the load of every joint in every case that has inputs."""
-    max_inputs = design.task.module.max_inputs(design.task.gravity)
-    return tuple(
-        load
-        for case, v, name in zip(analysis.load_cases, analysis.v, analysis.names, strict=True)
-        if v is not None
-        for load in joint_loads(design, platform, case, v.reshape(design.topology.n, -1) * max_inputs, name, holder)
-    )
+    exists, max_inputs, loads = has_rotor(design.task), _max_inputs(design.task), list[JointLoad]()
+    for case, v, name in zip(analysis.load_cases, analysis.v, analysis.names, strict=True):
+        if v is not None:
+            u = np.zeros(exists.shape)
+            u[exists] = v * max_inputs
+            loads += joint_loads(design, platform, case, u, name, holder)
+    return tuple(loads)
 
 
 def _ball_fields(name: str, weakest: str, ball: balls.BallBound, scale: float) -> dict[str, Any]:

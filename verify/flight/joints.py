@@ -12,16 +12,18 @@ Newton-Euler equations of the free body: F_c = sum m a_j - all other forces, and
 other forces are those of the rotors, the weight, and the reaction if the end-effector is beyond the cut. The
 platform accelerates by the unbalanced wrench: that of the rotors minus that at the end-effector minus the weight,
 zero in equilibrium. The end-effector is a point mass m_E, and a joint is a point mass at its connector; the joint
-at the cut is not beyond it. A rod whose mass counts is on the end-effector's side. Modules have the inertia of the
-task. No single cut parts a cycle of a lattice: the loads of its joints are statically indeterminate.
+at the cut is not beyond it. A rod whose mass counts is on the end-effector's side. Modules have the inertia of
+their type in the task. No single cut parts a cycle of a lattice: the loads of its joints are statically
+indeterminate.
 """
 
+import operator
 from collections.abc import Iterator
 
 import numpy as np
 
 from topo_search.model import Array, Design, JointLoad, LoadCase, Topology
-from verify.kinematics import Platform
+from verify.kinematics import Platform, per_rotor
 from verify.residuals import clamp
 
 
@@ -72,12 +74,18 @@ class _PlatformLoads:
     """Wrenches that joints must exert on the parts of a platform in one load case."""
 
     def __init__(self, design: Design, platform: Platform, case: LoadCase, u: Array) -> None:
-        task, module = design.task, design.task.module
-        n, rotors = design.topology.n, module.rotor_table
+        task, modules, n = design.task, design.task.modules_of_nodes, design.topology.n
         self._o, self._p_E, self._c = platform.o, platform.p_e, platform.joints
         self._closing = np.array([i for i, _, _, _ in design.topology.closures], dtype=int)
-        thrusts = module.thrust_coefficient * (rotors.gains * u)[:, :, None] * platform.thrust_axes
-        drags = module.torque_coefficient * ((rotors.drags * u)[:, :, None] * rotors.axes).sum(axis=1)
+        gains, drags, axes = (
+            per_rotor(modules, operator.attrgetter(f"rotor_table.{name}")) for name in ("gains", "drags", "axes")
+        )
+        k_f, k_tau = (
+            np.array([getattr(module, f"{name}_coefficient") for module in modules])[:, None]
+            for name in ("thrust", "torque")
+        )
+        thrusts = k_f[..., None] * (gains * u)[:, :, None] * platform.thrust_axes
+        drags = k_tau * ((drags * u)[:, :, None] * axes).sum(axis=1)
         drags = np.einsum("nij,nj->ni", platform.R, drags)
         self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
         weight = np.array([0.0, 0.0, -task.gravity])
@@ -140,12 +148,14 @@ def rod_inertia(design: Design, platform: Platform) -> Array:
 def _inertias(design: Design, platform: Platform) -> Array:
     """Return the inertia of every module about its own centre, shape (n, 3, 3) [kg m^2]."""
     R = platform.poses.R
-    return np.asarray(R * np.array(design.task.module.inertia) @ np.swapaxes(R, 1, 2))
+    moments = np.array([module.inertia for module in design.task.modules_of_nodes])
+    return np.asarray(R * moments[:, None] @ np.swapaxes(R, 1, 2))
 
 
 def _masses(design: Design, platform: Platform) -> tuple[Array, Array]:
     """Return positions, shape (m, 3), and masses of modules, joints, end-effector and rod [m], [kg]."""
-    task, n, rod = design.task, design.topology.n, design.task.end_effector.counted_rod
-    masses = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
+    task, rod = design.task, design.task.end_effector.counted_rod
+    masses = [task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
+    of_modules = [module.mass for module in task.modules_of_nodes]
     points = np.concatenate([platform.o, platform.joints, platform.p_e[None], platform.rod[:, 0]])
-    return points, np.repeat(masses, [n, len(platform.joints), 1, len(platform.rod)])
+    return points, np.append(of_modules, np.repeat(masses, [len(platform.joints), 1, len(platform.rod)]))

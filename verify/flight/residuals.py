@@ -11,7 +11,7 @@ from topo_search.model.proven import TOLERANCE
 from topo_search.model.reserves import AT, POINT_SUFFIXES, AskedFlight, centres
 from topo_search.model.sensitivity import WITHIN_TOLERANCES
 from verify.flight.joints import inertia
-from verify.kinematics import platform
+from verify.kinematics import has_rotor, platform
 from verify.residuals import residual
 from verify.sections import Findings
 
@@ -80,12 +80,12 @@ def failure_residuals(design: Design, capability: Flight | None) -> Iterator[Res
         return
     out = None if capability is None else capability.rotors_out_asked
     cases = "hover" if flight.rotor_out == "hover" else "hover and cases that carry the weight"
-    survived = 0 if out is None else out.survive
-    status = Status.CLEAR if survived == task.rotor_count else Status.UNDECIDED
+    survived, rotors = 0 if out is None else out.survive, int(has_rotor(task).sum())
+    status = Status.CLEAR if survived == rotors else Status.UNDECIDED
     status = Status.VIOLATED if out is not None and (out.lost or out.hover_only) else status
-    rotors = {"claim": float(task.rotor_count), "derived": float(survived)}
-    name, fatal = f"{cases}, any rotor dead", float(task.rotor_count - survived)
-    yield residual(name, fatal, "rotors", 1.0, tolerance=0.0, status=status, **rotors)
+    counts = {"claim": float(rotors), "derived": float(survived)}
+    name, fatal = f"{cases}, any rotor dead", float(rotors - survived)
+    yield residual(name, fatal, "rotors", 1.0, tolerance=0.0, status=status, **counts)
     r, scale = flight.rotor_out_torque or 0.0, task.torque_unit(task.n)
     if r > 0:
         lower = (None if out is None else out.torque_reserve_Nm) or 0.0

@@ -237,7 +237,7 @@ def _balls(task: ResolvedTask, problem: Problem) -> Array:
         return np.zeros((0, 4))
     body, l_arm = task.module.body, task.module.arm_length
     if problem == "solver":
-        cover = task.part_cover
+        cover = task.part_cover(task.module)
         return np.concatenate([cover.centres, cover.radii[:, None]], axis=1) / l_arm
     turns = np.arange(8) * math.pi / 4
     rim = body.rotor_radius / l_arm * (1 - 1e-12) * np.stack([np.cos(turns), np.sin(turns), 0 * turns], axis=1)

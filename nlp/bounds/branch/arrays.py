@@ -171,7 +171,7 @@ def to_arrays(
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    tree, mass = _tree(topology), masses(module, task.end_effector, topology)
+    tree, mass = _tree(topology), masses(task, topology)
     bodies = np.column_stack([mass.modules, mass.modules[:, None] * mass.centres]) * n / mass.bodies
     rotors = module.rotor_table
     levers = _levers(tree, l_c, float(rotors.distances.max()) + drag, bodies)
@@ -223,7 +223,7 @@ def _balls(task: ResolvedTask, problem: Problem) -> Array:
     if task.search.interference != "parts":
         return np.empty((0, 4))
     if problem == "solver":
-        return np.column_stack(task.part_cover)
+        return np.column_stack(task.part_cover(task.module))
     rotors, ports = module.rotor_table.positions, PORT_DIRECTIONS
     rims = [(a, out) for a in rotors for out in (a, *(e for e in ports if e @ a > 0))]
     balls = [(*(module.arm_length * a), min(body.rotor_radius, body.rotor_height / 2)) for a in rotors]

@@ -243,7 +243,7 @@ class OptunaTrees(TreeSampler):
 
     def idea_of(self, numbers: dict[str, int]) -> Idea:
         """Return the candidate whose tree the numbers encode."""
-        return Idea(self.space.candidate_of(decode(numbers, self.space.n)).key)
+        return Idea(self.space.candidate_of(decode(numbers, self.space.n, self.space.counts)).key)
 
 
 class UserOptunaTrees(OptunaTrees):
@@ -329,7 +329,7 @@ class UserTrees(TreeSampler):
     def _candidate_key(self, proposed: Topology | str) -> str:
         """Return the key of a proposed tree's candidate."""
         try:
-            topology = own_topology(proposed)
+            topology = own_topology(proposed, self.space.task)
             if topology.n != self.space.n:
                 raise ValueError(f"must have {self.space.n} modules, but {topology.key} has {topology.n}")
             return self.space.candidate_of(topology).key

@@ -1,6 +1,7 @@
 """Proposals by moves from the best trees so far; a surrogate selects the most promising ones.
 
-A move changes a tree: a part is cut off and grafted elsewhere, or a connector's parity is flipped.
+A move changes a tree: a part is cut off and grafted elsewhere, a connector's parity is flipped, or two modules of
+different types exchange their types. A module that is cut off keeps its type.
 
 | symbol | meaning | range |
 |---|---|---|
@@ -54,7 +55,7 @@ variance 1 / (K^-1)_ii [2].
 import math
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from heapq import merge
 from itertools import groupby, islice, product
@@ -112,13 +113,14 @@ class Flat(NamedTuple):
 
 
 def descriptors(topologies: Sequence[Topology]) -> Array:
-    """Return the descriptors of k >= 1 trees of one size, shape (k, 12 + number of PATTERNS).
+    """Return the descriptors of k >= 1 trees of one size, shape (k, 12 + number of PATTERNS), and 3 for each type.
 
     They are: both eigenvalues of M; the number of modules in an occupied cell; the number of pairs in adjacent
     cells that are not bolted together; the numbers of modules with one, two and more joints; the absolute sum of
     the spins; the path lengths between all pairs of modules, summed and divided by n; the number of modules without
     a counterpart under a half turn about the mean of the centres, and under the best mirror along rows, columns or
-    diagonals; the skewness |sum c |c|^2| / n; and the number of paths with each pattern.
+    diagonals; the skewness |sum c |c|^2| / n; the number of paths with each pattern; and of the modules of each
+    type the mean of |c|^2, the length of the mean of c, and the mean number of joints.
     """
     flat = _lay_flat(topologies)
     cells = flat.cells
@@ -142,6 +144,7 @@ def descriptors(topologies: Sequence[Topology]) -> Array:
         *_asymmetry(N),
         np.hypot(*skewness.T),
         *_count_patterns(flat),
+        *_describe_types(np.array([topology.types for topology in topologies], dtype=int), N, z),
     ]
     return np.stack(columns, axis=1).astype(float)
 
@@ -198,6 +201,17 @@ def _asymmetry(points: Indices) -> tuple[Indices, Indices]:
         for u, v in images
     )
     return turn, np.min(mirrors, axis=0)
+
+
+def _describe_types(types: Indices, N: Indices, z: Indices) -> Iterator[Array]:
+    """Yield where the modules of each type are; types: shape (k, n), or (k, 0) without types."""
+    n = N.shape[1]
+    for kind in range(types.max(initial=-1) + 1):
+        own = (types == kind).astype(int)
+        number = own.sum(axis=1)
+        yield (own * (N * N).sum(axis=2)).sum(axis=1) / (number * n**2)
+        yield np.hypot(*np.einsum("ki,kia->ak", own, N)) / (number * n)
+        yield (own * z).sum(axis=1) / number
 
 
 class Surrogate:
@@ -355,7 +369,7 @@ class Moves(TreeSampler):
         """Trials drawn from the previous population while the current one had no results."""
         self._described: dict[str, Array] = {}
         """Descriptors of candidates, by key."""
-        self._moved_key = lru_cache(BREEDING.cached_moves)(lambda tree, move: space.key_of(graft(tree, *move)))
+        self._moved_key = lru_cache(BREEDING.cached_moves)(lambda tree, move: space.key_of(make_move(tree, move)))
         """Returns the key of the candidate to which a move leads."""
         self._twin = cache(lambda key: space.twin_of(Topology.from_key(key)).key)
         """Returns the key of the twin: the candidate that differs only in the sense of all rotors."""
@@ -498,8 +512,20 @@ class Moves(TreeSampler):
         return np.array([self._described[key] for key in keys])
 
 
-Move = tuple[int, tuple[int, int], int]
-"""i, (h, a) and the increase of kappa[i] in quarter turns: the arguments of `graft`."""
+Move = tuple[int, tuple[int, int], int] | tuple[int, int]
+"""i, (h, a) and the increase of kappa[i] in quarter turns: the arguments of `graft`; or those of `exchange`."""
+
+
+def make_move(topology: Topology, move: Move) -> Topology:
+    """Return the tree after a move."""
+    return exchange(topology, *move) if len(move) == 2 else graft(topology, *move)
+
+
+def exchange(topology: Topology, i: int, j: int) -> Topology:
+    """Return the tree in which modules i and j have each other's types."""
+    types = list(topology.types)
+    types[i], types[j] = types[j], types[i]
+    return replace(topology, types=tuple(types))
 
 
 def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> Topology:
@@ -524,7 +550,7 @@ def graft(topology: Topology, i: int, at: tuple[int, int], turns: int = 0) -> To
             joints.append((index[h], (a + shift) % 4, (b + shift) % 4))
         else:
             joints.append((index[h], a, b))
-    return Topology(tuple(joints))
+    return Topology(tuple(joints), types=tuple(topology.types[old] for old in order if topology.types))
 
 
 def part_of(topology: Topology, i: int) -> frozenset[int]:
@@ -537,13 +563,17 @@ def part_of(topology: Topology, i: int) -> frozenset[int]:
 
 
 def draw_move(topology: Topology, random: Random, connectors: Connectors) -> Move:
-    """Return a random move: of a leaf or any other part, or a flip of parity.
+    """Return a random move: of a leaf or any other part, a flip of parity, or, half the time, an exchange of types.
 
     Args:
         topology: a tree of at least two modules.
         random: random generator.
         connectors: with `any`, half of the moves flip the parity of a joint, with or without moving its part.
     """
+    types = topology.types
+    if len(set(types)) > 1 and random.randrange(2):
+        i = random.randrange(topology.n)
+        return i, random.choice([j for j in range(topology.n) if types[j] != types[i]])
     parents = set(topology.parents)
     leaves = [i for i in range(1, topology.n) if i not in parents]
     i = random.choice(leaves) if random.random() < 0.5 else random.randrange(1, topology.n)

@@ -8,8 +8,10 @@ A tree is encoded as a row of integers of fixed length: every row is a tree, and
 | free ports | those of the first k modules, oldest module first, each from its port of entry on | 2k + 2 |
 | port k | index of the free port to which module k is joined | 0..2k+1 |
 | spin k | parity of kappa[k]; only if any connectors may be joined | 0, 1 |
+| type k | index of module k's type among the types of modules k..n-1, in order; only of several types | 0..n-1-k |
 
-Rows need no repair: there are 2k + 2 free ports whatever was chosen before. Many rows encode the same candidate.
+Rows need no repair: there are 2k + 2 free ports, and n - k types, whatever was chosen before. Many rows encode the
+same candidate.
 
 Starts are allotted by successive halving: many candidates get few starts, the best of them more. The ranking of the
 trials is updated with every result, since a search of N trials reads it N times.
@@ -63,14 +65,21 @@ Rank = tuple[float, float]
 """Sort key of candidates: violation, 0 with a design, then objective."""
 
 
-def ranges(n: int, connectors: Connectors) -> dict[str, int]:
-    """Return the names of the numbers that encode a tree of n modules, with the number of values of each."""
+def ranges(n: int, connectors: Connectors, counts: Sequence[int] = ()) -> dict[str, int]:
+    """Return the names of the numbers that encode a tree of n modules, with the number of values of each.
+
+    Args:
+        n: number of modules.
+        connectors: `aligned`, or `any`.
+        counts: number of modules of each type; none without types.
+    """
     spins = {f"spin {k}": 2 for k in range(1, n)} if connectors == "any" else {}
-    return {f"port {k}": 2 * k + 2 for k in range(1, n)} | spins
+    types = {f"type {k}": n - k for k in range(n - 1)} if len(counts) > 1 else {}
+    return {f"port {k}": 2 * k + 2 for k in range(1, n)} | spins | types
 
 
-def decode(numbers: Mapping[str, int], n: int) -> Topology:
-    """Return the tree that a row encodes."""
+def decode(numbers: Mapping[str, int], n: int, counts: Sequence[int] = ()) -> Topology:
+    """Return the tree that a row encodes; `counts` as for `ranges`."""
     joints: list[Joint] = [ROOT]
     free = [(0, port) for port in range(4)]
     for k in range(1, n):
@@ -78,12 +87,15 @@ def decode(numbers: Mapping[str, int], n: int) -> Topology:
         b = (a + 2 - numbers.get(f"spin {k}", 0)) % 4
         joints.append((h, a, b))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
-    return Topology(tuple(joints))
+    left = [kind for kind, count in enumerate(counts) for _ in range(count)]
+    types = [left.pop(numbers.get(f"type {k}", 0)) for k in range(len(left))]
+    return Topology(tuple(joints), types=tuple(types))
 
 
 def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
     """Return a row that encodes a tree with the same key."""
-    joints = Topology.from_key(topology.key).joints
+    tree = Topology.from_key(topology.key)
+    joints, left = tree.joints, sorted(tree.types)
     numbers: dict[str, int] = {}
     free = [(0, port) for port in range(4)]
     for k, (h, a, b) in enumerate(joints[1:], start=1):
@@ -92,6 +104,9 @@ def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
             numbers[f"spin {k}"] = (a + 2 - b) % 2
         free.remove((h, a))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
+    for k, kind in enumerate(tree.types[:-1] if left[:1] != left[-1:] else ()):
+        numbers[f"type {k}"] = left.index(kind)
+        left.remove(kind)
     return numbers
 
 
@@ -186,7 +201,7 @@ class TreeSampler(BaseSampler):
         self.ranking: list[Merit] = []
         """The best trial of each of these candidates, in ascending order."""
         self._merits: dict[str, Merit] = {}
-        self.values = ranges(space.n, self.connectors)
+        self.values = ranges(space.n, self.connectors, space.counts)
         """Number of values of each number that encodes a tree."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values)) for name, values in self.values.items()

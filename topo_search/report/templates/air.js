@@ -21,32 +21,34 @@ function along(x, start, axis) {
 
 class Air {
   constructor({ R, p, throttle, air }, number) {
-    Object.assign(this, air);
+    const { of, types, ...model } = air;
+    Object.assign(this, model);
     this.modules = R.map((turn, i) => ({
+      ...types[of[i]],
       R: turn,
       p: p[i],
-      squares: throttle[number][i].map((share, q) => air.rotors[q].full ** 2 * Math.max(0, share)), // of induced speeds
+      squares: throttle[number][i].map((share, q) => types[of[i]].rotors[q].full ** 2 * Math.max(0, share)), // of induced speeds
     }));
   }
 
   // Returns the sum of all modules' speeds at a point.
   at(point) {
     let sum = 0;
-    for (const { R, p, squares } of this.modules) {
+    for (const { R, p, ...air } of this.modules) {
       const away = point.map((x, axis) => x - p[axis]);
-      sum += this.fromModule([0, 1, 2].map((k) => R[0][k] * away[0] + R[1][k] * away[1] + R[2][k] * away[2]), squares);
+      sum += this.fromModule([0, 1, 2].map((k) => R[0][k] * away[0] + R[1][k] * away[1] + R[2][k] * away[2]), air);
     }
     return sum;
   }
 
-  fromModule(x, squares) {
-    const { rotors, merged, merges, shear, jet } = this;
+  fromModule(x, { rotors, jet, squares }) {
+    const { merged, merges, shear } = this;
     const places = rotors.map(({ at, axis }) => along(x, at, axis));
     const sinks = rotors.map(({ radius }, q) => {
       const [z, r] = places[q];
       return 1 / (1 + (Math.SQRT2 * Math.hypot(Math.max(r - radius, 0), z)) / radius) ** 2;
     });
-    const sink = sinks.reduce((sum, each) => sum + each);
+    const sink = sinks.reduce((sum, each) => sum + each, 0);
     const square = rotors.reduce((sum, rotor, q) => {
       const { radius } = rotor;
       const [z, r] = places[q];

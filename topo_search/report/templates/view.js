@@ -239,6 +239,7 @@ class View {
       .map((byModule, k) => {
         if (number !== null && k !== number) return "";
         const u = byModule[module].map((share) => (100 * share).toFixed(1));
+        if (!u.length) return "";
         return `\nload case ${k}: throttle ${u.join(", ")} %`;
       })
       .slice(0, number === null ? 4 : undefined)
