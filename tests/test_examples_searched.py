@@ -42,7 +42,9 @@ def test_a_search_is_as_good_as_the_best_known(example, settings, ratio, trees, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("example", ["crazyflie", "five-inch", "h-modquad", "hexarotor"])
+@pytest.mark.parametrize(
+    "example", ["battery-module", "camera-module", "crazyflie", "five-inch", "h-modquad", "hexarotor"]
+)
 def test_a_first_task_of_a_real_module_has_a_clear_design_that_flies(example, tmp_path):
     answer = search(read_task(example), out=tmp_path / "run")
     assert answer.exit_status == 0

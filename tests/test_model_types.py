@@ -14,6 +14,7 @@ from topo_search.model.files import to_toml, validate
 from topo_search.model.task_file import read_task
 from topo_search.study import Request
 from topo_search.study.proving import refuse_unprovable
+from topo_search.study.relaxable_limits import relaxable
 
 QUAD = {"name": "quad", "count": 2}
 BATTERY = {"name": "battery", "count": 1, "rotors": []}
@@ -37,6 +38,12 @@ BAD: dict[str, tuple[list[Any], dict[str, Any], str, str]] = {
     "no count": ([QUAD, {"name": "b"}], {"modules": 3}, "module_types[1].count", "is required, but missing"),
     "count of none": ([{**QUAD, "count": 0}, BATTERY], {}, "module_types[0].count", "at least 1, but got 0"),
     "no name": ([{"count": 2}, BATTERY], {}, "module_types[0].name", "is required, but missing"),
+    "thrust without rotors": (
+        [QUAD, {**BATTERY, "max_thrust": 3.0}],
+        {},
+        "module_types[1].max_thrust",
+        "must be left out without rotors, but got 3",
+    ),
     "an empty name": ([{**QUAD, "name": ""}, BATTERY], {}, "module_types[0].name", 'not be empty, but got ""'),
     "no table": ([QUAD, 3], {"modules": 3}, "module_types[1]", "must be a table of named fields, but got 3"),
     "unknown field": ([QUAD, {**BATTERY, "rotor": []}], {}, "module_types[1].rotor", "did you mean `rotors`?"),
@@ -140,6 +147,16 @@ def test_a_design_names_its_types() -> None:
         BadInput, match=re.escape("rotor_speeds_squared[0]: must have one value per rotor, 20, but got 18")
     ):
         validate(Design, {**data, "rotor_speeds_squared": [row[:18] for row in data["rotor_speeds_squared"]]}, "d")
+
+
+def test_a_limit_of_the_module_is_relaxed_in_all_types() -> None:
+    shipped = read_task("battery-module")
+    changed = {limit.field: limit.change(shipped, 1.0) for limit in relaxable(shipped, 4)}
+    quad, battery = changed["module.max_thrust"].module_types
+    assert (quad.max_thrust, battery.max_thrust) == (6.4, None)
+    assert changed["module.max_thrust"].resolve(4).total_mass(4) == shipped.resolve(4).total_mass(4)
+    assert quad.max_inputs(9.81).tolist() == (2 * shipped.module_types[0].max_inputs(9.81)).tolist()
+    assert changed["module.connector_distance"].longest_connector == 2 * shipped.longest_connector
 
 
 def test_proofs_and_drawers_are_of_one_type(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import networkx as nx
 import numpy as np
 import pytest
 from nlp_cases import GENTLE_PUSH, LOCAL, as_design, push, random_point, random_tree, solved, with_masses
@@ -22,6 +23,7 @@ from nlp.requirements.balances import inertia, wrench_matrix
 from topo_search.model import PORT_DIRECTIONS, Module, ResolvedTask, Topology
 from topo_search.model.corners import to_corners
 from topo_search.model.room import body_radius
+from topo_search.topologies import candidate_of, sample
 from verify import audit
 
 SIX = [
@@ -216,3 +218,30 @@ def test_arrays_of_the_compiled_search_have_no_rotors_that_a_module_lacks() -> N
     assert len(lacking) == 6 + 2 * 2
     assert masses(mixed(topology), topology).modules[0] == pytest.approx(0.3 / 0.24)
     assert as_design(random_point(mixed(topology), topology, np.random.default_rng(0))).types[0] == "battery"
+
+
+@pytest.mark.slow
+def test_merged_trees_cost_the_same_when_solved_apart() -> None:
+    """Fifty candidates, each with the same platform seen from another module, and half a turn on."""
+    rng = np.random.default_rng(1)
+    light = [{"carries_weight": True, "units": "SI", "end_effector": {"force": [0.5, 0.0, 0.0]}}]
+    types = [{"name": "quad", "count": 3}, {"name": "battery", "count": 1, "mass": 0.2, "rotors": []}]
+    compared = 0
+    for connectors in ("aligned", "any"):
+        task = push(4, module_types=types, load_cases=light, search={"connectors": connectors})
+        options = {"task": task, "symmetry": "task", "connectors": connectors}
+        for candidate in sample(4, 25, seed=3, **options):
+            graph = candidate.graph()
+            order = [*rng.permutation(4).tolist()]
+            other = nx.Graph()
+            other.add_nodes_from((i, graph.nodes[i]) for i in order)
+            for first, second, data in graph.edges(data=True):
+                turned = {node: (port + 2) % 4 for node, port in data["ports"].items()}
+                other.add_edge(first, second, ports=turned)
+            apart = Topology.from_graph(other)
+            assert candidate_of(apart, **options).key == candidate.key
+            results = [solve(task.on(tree), tree, starts=range(24), seed=0) for tree in (candidate, apart)]
+            efforts = [getattr(result, "objective", np.inf) for result in results]
+            assert efforts[1] == pytest.approx(efforts[0], rel=2e-3), (candidate.key, apart.key)
+            compared += np.isfinite(efforts[0])
+    assert compared > 10

@@ -222,7 +222,7 @@ class Module(Value):
 
     def with_thrust_to_weight(self, gravity: float) -> Self:
         """Return the module with `max_thrust_to_weight` filled in from `max_thrust`, unless it is given."""
-        if self.max_thrust is None or "max_thrust_to_weight" in self.model_fields_set:
+        if self.max_thrust is None or "max_thrust_to_weight" in self.model_fields_set or not self.rotor_table.count:
             return self
         return self.replace(max_thrust_to_weight=self.thrust_to_weight(self.max_thrust, gravity))
 

@@ -37,6 +37,8 @@ class ModuleType(Module):
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()
+        if self.max_thrust is not None and not self.rotor_table.count:
+            yield "max_thrust", f"must be left out without rotors, but got {self.max_thrust:g}"
         for field in OF_THE_PLATFORM:
             if (value := getattr(self, field)) != type(self).model_fields[field].default:
                 rule = "must be left out: it is [module]'s for all types"
@@ -58,7 +60,7 @@ def _with_source(table: dict[str, Any], source: Module, gravity: float) -> dict[
     shared = source.model_dump(exclude_unset=True, exclude=set(OF_THE_PLATFORM))
     if "inertia" in shared.get("body", {}) and any(table.get(name) is not None for name in WITH_INERTIA):
         del shared["body"]["inertia"]
-    shared["max_thrust"] = source.thrust_coefficient * source.max_input(gravity)
+    shared["max_thrust"] = source.max_thrust or source.thrust_coefficient * source.max_input(gravity)
     if table.get("thrust_coefficient") is not None and source.torque_to_thrust is not None:
         shared.pop("torque_coefficient", None)
     shared.pop("max_thrust_to_weight", None)

@@ -77,7 +77,7 @@ def _module(task: ResolvedTask, module: Module) -> Iterator[tuple[str, str]]:
     u_max, hover = module.max_input(task.gravity), module.hover_input(task.gravity)
     k_f, k_tau, thrust_to_weight = module.thrust_coefficient, module.torque_coefficient, module.max_thrust_to_weight
     yield "mass m", f"{figures(module.mass)} kg"
-    if joint_mass := task.module.joint_mass:
+    if (joint_mass := task.module.joint_mass) and not task.module_types:
         yield "mass of a joint", f"{figures(joint_mass)} kg, at its connector"
     if task.module_types and module.battery_Wh is not None:
         yield "battery", f"{figures(module.battery_Wh)} W h"

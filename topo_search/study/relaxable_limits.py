@@ -191,9 +191,18 @@ def _value(n: int, part: str | int, name: str, task: Task) -> Any:
 
 
 def _scale(read: Callable[[Task], Any], part: str | int, name: str, sign: float, task: Task, share: float) -> Task:
-    fields = {name: _times(read(task), 1 + sign * share)}
+    factor = 1 + sign * share
+    fields = {name: _times(read(task), factor)}
     if name == "max_thrust":
         fields["max_thrust_to_weight"] = task.module.thrust_to_weight(fields[name], task.gravity)
+    if part == "module":
+        names = ("max_thrust", "max_thrust_to_weight") if "max_thrust" in name else (name,)
+        scaled = (
+            {own: value * factor for own in names if (value := getattr(kind, own)) is not None}
+            for kind in task.module_types
+        )
+        types = (kind.model_copy(update=own) for kind, own in zip(task.module_types, scaled, strict=True))
+        task = task.model_copy(update={"module_types": tuple(types)})
     return task.with_fields(part, **fields)
 
 

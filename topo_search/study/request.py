@@ -312,7 +312,7 @@ def margins(task: ResolvedTask) -> list[float]:
     errors, module, n = task.tolerances, task.module, task.n
     delta, shift = math.radians(errors.hinge_angle_deg), 2 * errors.position + 2 * errors.envelope
     # the worst case, a stretched-out platform: each hinge moves the far end of the airflow by delta times this
-    longest_lever = 2 * n * (module.connector_distance + module.arm_length) + module.reach
+    longest_lever = 2 * n * (task.longest_connector + module.arm_length) + max(kind.reach for kind in task.types)
     smallest = max(ladder[0], delta * module.arm_length + shift / 4)
     largest = 2 * (shift + delta * n * longest_lever)
     ratio = 1.25  # of one margin to the previous one
