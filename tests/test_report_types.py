@@ -87,9 +87,9 @@ def test_the_tree_and_the_picture_name_the_types() -> None:
 def test_the_task_says_what_the_platform_is_made_of() -> None:
     said = {title: dict(rows) for title, rows in facts(DESIGN.task)}
     assert said["platform"]["size"] == "4 modules: 2 quad, 1 tri & tilt, 1 battery"
+    assert said["platform"]["mass of a joint"] == "0.05 kg, at its connector"
     assert said["type battery: 1 module"] == {
         "mass m": "0.3 kg",
-        "mass of a joint": "0.05 kg, at its connector",
         "hub": "12 cm × 6 cm × 5 cm",
         "connector distance l_c": "0.11 m",
         "rotors": "none",

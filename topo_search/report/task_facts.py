@@ -48,6 +48,8 @@ def _platform(*tasks: ResolvedTask) -> Iterator[tuple[str, str]]:
     types = ", ".join(f"{kind.count} {kind.name}" for kind in tasks[0].module_types)
     yield "size", f"{numbers} module{'s' * (numbers != '1')}{types and ': '}{types}"
     yield "mass m_t", f"{each(ResolvedTask.total_mass)} kg, with {_included_parts(tasks[0])}"
+    if (joint_mass := tasks[0].module.joint_mass) and tasks[0].module_types:
+        yield "mass of a joint", f"{figures(joint_mass)} kg, at its connector"
     yield "weight m_t g", f"{each(ResolvedTask.force_unit)} N, at g = {gravity} m/s²"
     if tasks[0].attitude:
         yield "attitude", "one for all wrenches: the platform does not lean into a load"
