@@ -13,6 +13,7 @@ from test_nlp_assembled import assert_printed
 from test_nlp_reduced import assert_derivatives
 
 from nlp import largest_value, lower_bound, prove_impossible, solve
+from nlp.bounds.refutation import tolerated_thrust
 from nlp.evaluation import violations
 from nlp.numbers.geometry import root_angles
 from nlp.numbers.masses import masses
@@ -22,6 +23,7 @@ from nlp.requirements import clearances
 from nlp.requirements.balances import inertia, wrench_matrix
 from topo_search.model import PORT_DIRECTIONS, Module, ResolvedTask, Topology
 from topo_search.model.corners import to_corners
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import body_radius
 from topo_search.topologies import candidate_of, sample
 from verify import audit
@@ -245,3 +247,17 @@ def test_merged_trees_cost_the_same_when_solved_apart() -> None:
             assert efforts[1] == pytest.approx(efforts[0], rel=2e-3), (candidate.key, apart.key)
             compared += np.isfinite(efforts[0])
     assert compared > 10
+
+
+def test_bounds_allow_every_rotor_what_the_audit_allows() -> None:
+    """Inputs beyond their limits, in u_max of [module], whatever that of the rotor's own type."""
+    tree = Topology.from_key("a10-ab")
+    task = mixed(tree, [{"name": "quad", "count": 1}, {"name": "small", "count": 1, "max_thrust": 0.2}])
+    point = random_point(task, tree, np.random.default_rng(0))
+    beyond = 0.99 * TOLERANCE * task.module.max_input(task.gravity)
+    audited = audit(as_design(replace(point, u=np.array([task.input_limits + beyond] * len(point.u)))))
+    allowed = [row.status for row in audited.residuals if "largest rotor input" in row.name]
+    assert allowed
+    assert set(allowed) == {"clear"}
+    gains = [kind.thrust_coefficient * kind.rotor_table.gains.sum() for kind in task.module_types]
+    assert tolerated_thrust(task) >= beyond * sum(gains)

@@ -57,8 +57,7 @@ def refute_airspeed(task: ResolvedTask) -> refutation.Refutation | None:
 
 def _max_thrusts(task: ResolvedTask, module: Module) -> Array:
     """Return the largest thrust of each rotor of a module, shape (r,) [N]."""
-    u_max = module.max_input(task.gravity)
-    inputs = task.search.peak_input * u_max * module.input_shares(task.gravity) + TOLERANCE * u_max
+    inputs = task.max_input * task.rotor_shares(module) + TOLERANCE * task.module.max_input(task.gravity)
     return np.asarray(module.thrust_coefficient * module.rotor_table.gains * inputs)
 
 

@@ -81,9 +81,8 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
             by about 3e-6 of it if the forces are near m_t g, and by more if they are smaller.
     """
     task = lightest_task(task)
-    idle = 0.0
+    idle, allowed = 0.0, accuracy * task.module.max_input(task.gravity)
     for kind, count in task.counts:
-        allowed = accuracy * kind.max_input(task.gravity)
         inputs = np.maximum(0.0, task.min_input * task.rotor_shares(kind) - allowed)
         idle += count * float(inputs @ inputs)
     idle_effort = float(_weights(task).sum()) * idle * (1 - BOUND.rounding)
@@ -147,7 +146,7 @@ def closed_form(task: ResolvedTask, accuracy: float = 0.0) -> float:
     change = float(np.sum((U @ V) * np.sqrt(weights / largest_weight)[:, None] * rod_force_change(task) / scale))
     root_trace = max(0.0, float(sigma.sum()) - loss + min(0.0, change))
     thrust = root_trace * scale / (task.module.thrust_coefficient * _largest_gain(task))
-    return thrust * thrust / rotor_number(task) * largest_weight
+    return thrust * thrust / task.number_of_rotors * largest_weight
 
 
 @lru_cache(maxsize=32)
@@ -166,7 +165,7 @@ def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     if result is None:
         return 0.0
     nu, f, weights, T, effort_scale, scale = result
-    d = accuracy * task.module.max_thrust_to_weight * max(tolerated for _, _, tolerated in _lifting(task)) / scale
+    d = accuracy * task.module.max_thrust_to_weight * max(mean for _, _, mean in _lifting(task)) / scale
     lengths = np.linalg.norm(nu, axis=1)
     force_error = accuracy * _platform_weight(task) / _force_scale(task) / scale
     change = float(np.sum(nu * rod_force_change(task))) / _force_scale(task) / scale
@@ -192,7 +191,7 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     mean = float(np.mean(weights / largest_weight))
     f, weights, T = f / scale, weights / largest_weight / mean, T / scale
     thrust = scale * unit.input / _largest_gain(task)
-    effort_scale = rotor_number(task) * thrust * thrust * mean * largest_weight
+    effort_scale = task.number_of_rotors * thrust * thrust * mean * largest_weight
     largest = BOUND.max_multiplier * 2 * float(weights.max()) * T
     known_bound = closed_form(task) / effort_scale if 0 < effort_scale < math.inf else 0.0
     ratio = float(weights.min() / weights.max())
@@ -203,27 +202,20 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     return best, f, weights, T, effort_scale, scale
 
 
-def rotor_number(task: ResolvedTask) -> int:
-    """Return N, the number of rotors of a platform."""
-    return sum(count * kind.rotor_table.count for kind, count in task.counts)
-
-
 def gains_of(task: ResolvedTask, kind: Module) -> Array:
     """Return the thrust of a type's rotors over k_f of [module] times their input, shape (r,)."""
     return np.asarray(kind.thrust_coefficient / task.module.thrust_coefficient * kind.rotor_table.gains)
 
 
 def _lifting(task: ResolvedTask) -> Iterator[tuple[float, float, float]]:
-    """Yield the largest gain, and limit and tolerance of a rotor's thrust [k_f u_max], of each type with rotors.
+    """Yield largest gain, limit of a rotor's thrust [k_f u_max], and mean gain of each type with rotors.
 
     Parallel rotors have the mean of a module's limits; tilted ones the largest, as axes differ.
     """
-    u_max = task.module.max_input(task.gravity)
     for kind in task.types:
         if kind.rotor_table.count:
             gains, largest = gains_of(task, kind), max if kind.rotor_table.tilt > 0 else np.mean
-            tolerated = float(np.mean(gains)) * (kind.max_input(task.gravity) / u_max)
-            yield float(gains.max()), float(largest(gains * task.rotor_shares(kind))), tolerated
+            yield float(gains.max()), float(largest(gains * task.rotor_shares(kind))), float(gains.mean())
 
 
 def _largest_gain(task: ResolvedTask) -> float:
@@ -232,7 +224,7 @@ def _largest_gain(task: ResolvedTask) -> float:
 
 def _force_scale(task: ResolvedTask) -> float:
     """Return m g of N / r modules [N]."""
-    return rotor_number(task) / task.module.rotor_table.count * Units.of(task).force
+    return task.number_of_rotors / task.module.rotor_table.count * Units.of(task).force
 
 
 def _platform_weight(task: ResolvedTask) -> float:

@@ -39,12 +39,8 @@ def thrust_shares(task: ResolvedTask) -> list[tuple[Array, int]]:
 
 def tolerated_thrust(task: ResolvedTask) -> float:
     """Return the audit's tolerance of the thrust of all rotors, beyond their limit and below zero [N]."""
-    u_max = task.module.max_input(task.gravity)
-    gains = sum(
-        count * float(gains_of(task, kind).sum()) * (kind.max_input(task.gravity) / u_max)
-        for kind, count in task.counts
-    )
-    return gains * task.module.thrust_coefficient * TOLERANCE * u_max
+    gains = sum(count * float(gains_of(task, kind).sum()) for kind, count in task.counts)
+    return gains * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
 
 
 def tolerated_force(task: ResolvedTask) -> float:

@@ -476,6 +476,11 @@ class ResolvedTask(Task):
         """Types of module, or the module of a platform with one, each with its number."""
         return tuple((kind, kind.count) for kind in self.module_types) or ((self.module, self.n),)
 
+    @property
+    def number_of_rotors(self) -> int:
+        """N: number of rotors of a platform, without those that a type of module lacks."""
+        return sum(count * kind.rotor_table.count for kind, count in self.counts)
+
     def rotor_shares(self, kind: Module) -> Array:
         """Return the largest squared speeds of a type's rotors over u_max of [module], shape (r,)."""
         u_max = self.module.max_input(self.gravity)

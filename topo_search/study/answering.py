@@ -143,7 +143,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     solved = settled - statuses["failed"]
     answer = SizeAnswer(
         modules=n,
-        rotors=sum(count * kind.rotor_table.count for kind, count in task.counts),
+        rotors=task.number_of_rotors,
         candidates=candidates,
         quotient=quotient_remark(quotient),
         settled=settled,
