@@ -301,11 +301,11 @@ def rotor_maps(task: ResolvedTask) -> tuple[Array, Array]:
     Rotors that a module lacks have columns of zeros.
     """
     unit, maps = task.module, np.zeros((2, task.n, 3, task.rotors_per_module))
-    for i, module in enumerate(task.modules_of_nodes):
+    for module, nodes in task.placed_types:
         rotors, r = module.rotor_table, module.rotor_table.count
         gains = (module.thrust_coefficient / unit.thrust_coefficient * rotors.gains)[:, None]
         levers = module.arm_length / unit.arm_length * rotors.positions
         drags = module.torque_coefficient / (unit.thrust_coefficient * unit.arm_length) * rotors.drags[:, None]
         forces, torques = gains * rotors.axes, gains * np.cross(levers, rotors.axes) + drags * rotors.axes
-        maps[:, i, :, :r] = np.array([forces.T, torques.T]) / unit.rotor_table.count
+        maps[0, nodes, :, :r], maps[1, nodes, :, :r] = (x.T / unit.rotor_table.count for x in (forces, torques))
     return maps[0], maps[1]

@@ -192,8 +192,9 @@ def _cases(task: ResolvedTask, unit: Units) -> Cases:
 def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
     """Yield (4) to (9) of the printed problem, in its order."""
     for requirement in clearances(task, topology):
+        search_rows = {id(formula): formula.search_rows() for formula in requirement.formulas}
         for name, subject, formula in requirement.rows():
-            for search_row in formula.search_rows():
+            for search_row in search_rows[id(formula)]:
                 yield NamedRow(name, subject[search_row.subject], subject[1], requirement.margin, search_row)
 
 
@@ -221,11 +222,12 @@ def _tabulate(named_rows: list[NamedRow], lower_speeds: Sequence[float]) -> tupl
 
 
 def _kinds(things: Sequence[tuple[Any, ...]], kinds: Sequence[type], ranges: Mapping[int, Sequence[int]]) -> Kinds:
-    """Return bodies or obstacles as arrays; a hull has its ranges of planes and edges."""
+    """Return bodies or obstacles, of which many are one object, as arrays; a hull has its ranges of both."""
     kind = np.array([kinds.index(type(thing)) for thing in things], dtype=np.int64)
-    numbers = [
-        np.hstack([[], *(ranges[id(value)] if isinstance(value, Hull) else value for value in thing)])
-        for thing in things
-    ]
+    numbers_of = {
+        key: np.hstack([[], *(ranges[id(value)] if isinstance(value, Hull) else value for value in thing)])
+        for key, thing in {id(thing): thing for thing in things}.items()
+    }
+    numbers = [numbers_of[id(thing)] for thing in things]
     first = np.cumsum([0, *map(len, numbers)])[: len(things)]
     return Kinds(kind, first, np.concatenate([np.empty(0), *numbers]))

@@ -37,7 +37,6 @@ from topo_search.model import (
     LEAST_OFFSET,
     AnyExposure,
     Array,
-    Module,
     ResolvedTask,
     Vector,
     needs_offset,
@@ -238,20 +237,22 @@ def to_formula(shape: Shape, body: AnyBody, unit: float, segment: int | None) ->
 
 def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield the exclusion of (7), and (8)."""
-    unit, subjects = Units.of(task).length, _all_modules(task.n)
+    unit, subjects = Units.of(task).length, _alone(range(task.n))
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
         exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, row_kinds.TipObstacle)
         yield Requirement(7, lambda i, *_: f"end-effector exclusion of module {i}", subjects, (exclusion,), margin)
-    for module, alike in _modules_by_kind(task).items():
+    for module, alike in task.placed_types:
         if task.tip_radius is not None and (air := Air.of(task, module)) is not None:
             tip = RegionClearance(air, CapsuleRegion(task.tip_radius / unit))
-            yield Requirement(8, lambda i, *_: f"end-effector and airflow of module {i}", alike, (tip,), margin)
+            yield Requirement(
+                8, lambda i, *_: f"end-effector and airflow of module {i}", _alone(alike), (tip,), margin
+            )
 
 
 def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield (9), and the smallest length of p_E if some direction follows p_E."""
-    unit, subjects = Units.of(task).length, _all_modules(task.n)
+    unit, subjects = Units.of(task).length, _alone(range(task.n))
     margin = task.search.margin / unit
 
     def formulas(exposure: AnyExposure, body: AnyBody) -> tuple[RegionClearance, ...]:
@@ -259,28 +260,21 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
             to_formula(shape, body, unit, segment_of(exposure, k)) for k, shape in enumerate(exposure.shapes)
         )
 
-    for (number, exposure), (module, alike) in product(enumerate(task.exposure), _modules_by_kind(task).items()):
+    for (number, exposure), (module, alike) in product(enumerate(task.exposure), task.placed_types):
         if exposure.geometry:
             for rotor, air in Air.at_regions(task, module).items():
                 name = partial(names.exposure, number, exposure, rotor)
-                yield Requirement(9, name, alike, formulas(exposure, air), margin)
+                yield Requirement(9, name, _alone(alike), formulas(exposure, air), margin)
         if exposure.solid:
             parts = formulas(exposure, PartBalls.of(task, module))
-            yield Requirement(9, partial(_solid_name, number, exposure.contact), alike, parts, margin)
+            yield Requirement(9, partial(_solid_name, number, exposure.contact), _alone(alike), parts, margin)
     if any(needs_offset(exposure) for exposure in task.exposure):
         offset = Distance(FROM_COM, LEAST_OFFSET, row_kinds.OffsetObstacle)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
 
 
-def _modules_by_kind(task: ResolvedTask) -> dict[Module, Subjects]:
-    """Return the modules of a kind, in order."""
-    modules = task.modules_of_nodes
-    kinds = {module: [i for i, other in enumerate(modules) if other == module] for module in dict.fromkeys(modules)}
-    return {module: np.repeat(np.array(alike)[:, None], 2, axis=1) for module, alike in kinds.items()}
-
-
-def _all_modules(n: int) -> Subjects:
-    return np.repeat(np.arange(n)[:, None], 2, axis=1)
+def _alone(modules: Sequence[int]) -> Subjects:
+    return np.repeat(np.array(modules, dtype=np.intp)[:, None], 2, axis=1)
 
 
 def _solid_name(number: int, contact: int | None, i: int, _: int, segment: int | None) -> str:

@@ -1,9 +1,10 @@
 """Clearances between modules: airflow, bodies, parts out of airflow; (4) to (6) of the printed problem."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,7 @@ from nlp.requirements.row_kinds import AirflowObstacle, ModuleObstacle, SearchRo
 from nlp.requirements.statement import FROM_J, Z_J, Distance, LocalVector, Requirement, Subjects
 from nlp.symbols.clearance import clearance, clearance_of_all
 from nlp.units import Units
-from topo_search.model import Array, ResolvedTask, Topology
+from topo_search.model import Array, Module, ResolvedTask, Topology
 
 BETWEEN_MODULES = (4, 5, 6)
 """Equation numbers of the clearances between modules, which depend on hinges only."""
@@ -65,7 +66,7 @@ class AirflowClearance:
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
     """Yield (4), (5) and (6): without (4) if envelopes may merge; in the ablation only (5), for all pairs."""
-    unit, airs = Units.of(task).length, [Air.of(task, module) for module in task.modules_of_nodes]
+    unit, airs = Units.of(task).length, _at_nodes(task, Air.of)
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
     airflow, ablation = (task.search.interference == rule for rule in ("airflow", "separation"))
     if airflow:
@@ -78,10 +79,19 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
         for enough, alike in groupby(separated, lambda pair: _centre_margin(task, int(topology.distances[pair]))):
             yield Requirement(5, names.separation, _pairs(list(alike)), (centres,), enough / unit)
     if task.parts_off_airflow:
-        parts = [PartBalls.of(task, module) for module in task.modules_of_nodes]
+        parts = _at_nodes(task, PartBalls.of)
         for group, formula in _clearances(topology.unbolted, parts, airs):
             near = NEAR_PARTS if airflow and airs[group[0, 0]] is not None else NEAR_ENVELOPE
             yield Requirement(6, names.rotor_airflow, group, (formula,), margin, near)
+
+
+Body = TypeVar("Body")
+
+
+def _at_nodes(task: ResolvedTask, body_of: Callable[[ResolvedTask, Module], Body]) -> list[Body]:
+    """Return the body of each module, one object for all of a type."""
+    at = {i: body for module, nodes in task.placed_types for body in [body_of(task, module)] for i in nodes}
+    return [at[i] for i in range(task.n)]
 
 
 def _clearances(

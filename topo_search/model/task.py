@@ -477,6 +477,15 @@ class ResolvedTask(Task):
         return tuple((kind, kind.count) for kind in self.module_types) or ((self.module, self.n),)
 
     @property
+    def placed_types(self) -> tuple[tuple[Module, list[int]], ...]:
+        """Types of module, or the module of a platform with one, each with its nodes; ValueError without a tree."""
+        numbers = range(len(self.modules_of_nodes))
+        if not self.module_types:
+            return ((self.module, list(numbers)),)
+        nodes = ([i for i in numbers if self.types_of_nodes[i] == k] for k in range(len(self.module_types)))
+        return tuple(zip(self.module_types, nodes, strict=True))
+
+    @property
     def number_of_rotors(self) -> int:
         """N: number of rotors of a platform, without those that a type of module lacks."""
         return sum(count * kind.rotor_table.count for kind, count in self.counts)
@@ -495,8 +504,8 @@ class ResolvedTask(Task):
     def input_shares(self) -> Array:
         """Largest squared speed of each rotor over u_max of [module], shape (n, r); 0 where a module has fewer."""
         shares = np.zeros((self.n, self.rotors_per_module))
-        for row, module in zip(shares, self.modules_of_nodes, strict=True):
-            row[: module.rotor_table.count] = self.rotor_shares(module)
+        for kind, nodes in self.placed_types:
+            shares[nodes, : kind.rotor_table.count] = self.rotor_shares(kind)
         return shares
 
     @property
