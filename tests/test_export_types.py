@@ -52,14 +52,14 @@ def test_the_simulated_platform_has_the_masses_and_wrenches_of_the_audit() -> No
 def test_urdf_has_a_link_per_module_of_its_type_and_none_for_absent_rotors() -> None:
     robot, at = ElementTree.fromstring(urdf(DESIGN)), platform(DESIGN)
     links = {link.attrib["name"]: link for link in robot.findall("link")}
-    masses = [float(links[f"module_{i}"].find("inertial/mass").attrib["value"]) for i in range(4)]  # type: ignore[union-attr]
+    masses = [float(links[f"module_{i}"].find("inertial/mass").attrib["value"]) for i in range(4)]
     assert masses == [0.2, 0.3, 0.15, 0.2]
     assert [name for name in links if "rotor" in name] == NAMES
-    colours = [links[f"module_{i}"].find("visual/material").attrib["name"] for i in range(4)]  # type: ignore[union-attr]
+    colours = [links[f"module_{i}"].find("visual/material").attrib["name"] for i in range(4)]
     assert colours == ["module quad", "module battery", "module tri & tilt", "module quad"]
     total = sum(float(mass.attrib["value"]) for mass in robot.iter("mass"))
     assert total == pytest.approx(DESIGN.task.total_mass(4), rel=1e-9)
-    places = {joint.attrib["name"]: joint.find("origin").attrib["xyz"] for joint in robot.findall("joint")}  # type: ignore[union-attr]
+    places = {joint.attrib["name"]: joint.find("origin").attrib["xyz"] for joint in robot.findall("joint")}
     hinge = np.array(list(map(float, places["module_0_to_joint_1"].split())))
     assert hinge == pytest.approx(at.joints[0] + at.p_com, abs=1e-9)
 

@@ -1,6 +1,7 @@
 """The listed keys against trees grown module by module and compared from every root, turned and mirrored."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,19 +22,20 @@ TURNS = {
 
 
 class Grid(NamedTuple):
-    """A tree on the grid: which module lies in which of four directions of which, and the spin of each."""
+    """A tree on the grid: which module lies in which of four directions of which; spin and type of each."""
 
     neighbours: tuple[dict[int, int], ...]
     spins: tuple[int, ...]
+    types: tuple[int, ...] = ()
 
-    def leaves_added(self, spins: tuple[int, ...]) -> Iterator["Grid"]:
+    def leaves_added(self, spins: tuple[int, ...], types: Iterable[tuple[int, ...]] = ((),)) -> Iterator["Grid"]:
         n = len(self.spins)
         for module in range(n):
             for direction in {0, 1, 2, 3} - self.neighbours[module].keys():
-                for spin in spins:
+                for spin, own in product(spins, types):
                     grown = [dict(around) for around in self.neighbours] + [{(direction + 2) % 4: module}]
                     grown[module][direction] = n
-                    yield Grid(tuple(grown), (*self.spins, spin))
+                    yield Grid(tuple(grown), (*self.spins, spin), (*self.types, *own))
 
     def seen_from(self, module: int, came: int | None, quarters: int, mirror: bool, flip: bool) -> tuple[Any, ...]:
         around: list[Any] = [()] * 4
@@ -42,7 +44,7 @@ class Grid(NamedTuple):
                 image = ((-direction if mirror else direction) + quarters) % 4
                 around[image] = self.seen_from(other, module, quarters, mirror, flip)
         spin = self.spins[module] ^ (quarters % 2 if flip else 0)
-        return (spin, *around)
+        return (*self.types[module : module + 1], spin, *around)
 
     def canonical(self, turns: list[tuple[int, bool]], flip: bool) -> tuple[Any, ...]:
         """The same value for every root and every turn; with `flip` a quarter turn reverses the spins."""
@@ -59,7 +61,7 @@ def grid_of(topology: Topology) -> Grid:
         frames[i] = frames[h] + kappa
         neighbours[h][direction] = i
         neighbours[i][(direction + 2) % 4] = h
-    return Grid(tuple(neighbours), tuple(frame % 2 for frame in frames))
+    return Grid(tuple(neighbours), tuple(frame % 2 for frame in frames), topology.types)
 
 
 def grown(n: int, turns: list[tuple[int, bool]], spins: tuple[int, ...], flip: bool) -> set[tuple[Any, ...]]:

@@ -3,7 +3,7 @@
 from collections import Counter
 from itertools import permutations
 from math import factorial, prod
-from typing import Any, NamedTuple
+from typing import Any
 
 import networkx as nx
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 from commands import invoke
 from nlp_cases import random_tree
 from scipy.stats import chisquare
+from test_topologies_brute_force import TURNS, Grid, grid_of
 
 from topo_search.model import BadInput, ResolvedTask, Topology
 from topo_search.model.task_file import read_task
@@ -27,66 +28,16 @@ from topo_search.topologies import (
 )
 from topo_search.topologies.own_topologies import own_candidates
 
-TURNS: dict[str, list[tuple[int, bool]]] = {
-    "none": [(0, False)],
-    "c2": [(0, False), (2, False)],
-    "d2": [(q, mirror) for q in (0, 2) for mirror in (False, True)],
-    "c4": [(q, False) for q in range(4)],
-    "d4": [(q, mirror) for q in range(4) for mirror in (False, True)],
-}
-"""Quarter turns after an optional mirror in the x axis."""
-
-
-class Platform(NamedTuple):
-    """Which module is in which of four directions of which, and the spin and type of each."""
-
-    neighbours: tuple[dict[int, int], ...]
-    spins: tuple[int, ...]
-    types: tuple[int, ...]
-
-    def seen_from(self, i: int, came: int | None, quarters: int, mirror: bool, flip: bool) -> tuple[Any, ...]:
-        around: list[Any] = [()] * 4
-        for direction, other in self.neighbours[i].items():
-            if other != came:
-                image = ((-direction if mirror else direction) + quarters) % 4
-                around[image] = self.seen_from(other, i, quarters, mirror, flip)
-        return (self.types[i], self.spins[i] ^ (quarters % 2 if flip else 0), *around)
-
-    def canonical(self, turns: list[tuple[int, bool]], flip: bool) -> tuple[Any, ...]:
-        """The same value from every root and after every turn; with `flip` a quarter turn reverses the spins."""
-        roots = range(len(self.types))
-        return min(self.seen_from(root, None, q, mirror, flip) for root in roots for q, mirror in turns)
-
-
-def platform_of(topology: Topology) -> Platform:
-    """Place a tree on a grid, its root in standard position and of spin 0, all hinges flat."""
-    neighbours: list[dict[int, int]] = [{} for _ in range(topology.n)]
-    frames = [0] * topology.n
-    for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
-        direction = (frames[h] + a) % 4
-        frames[i] = frames[h] + kappa
-        neighbours[h][direction], neighbours[i][(direction + 2) % 4] = i, h
-    return Platform(tuple(neighbours), tuple(frame % 2 for frame in frames), topology.types)
-
 
 def grown(counts: tuple[int, ...], turns: list[tuple[int, bool]], spins: tuple[int, ...]) -> set[tuple[Any, ...]]:
     """All classes of platforms, each grown by a leaf of each type in each free direction; none has too many."""
-    flip = len(spins) > 1
-    kinds = range(len(counts))
-    found = {k: Platform(({},), (0,), (k,)) for k in kinds}
-    for n in range(1, sum(counts)):
-        larger = {}
-        for tree in found.values():
-            for kind in (k for k in kinds if tree.types.count(k) < counts[k]):
-                for i in range(n):
-                    for direction in {0, 1, 2, 3} - tree.neighbours[i].keys():
-                        around = [dict(each) for each in tree.neighbours] + [{(direction + 2) % 4: i}]
-                        around[i][direction] = n
-                        for spin in spins:
-                            leaf = Platform(tuple(around), (*tree.spins, spin), (*tree.types, kind))
-                            larger[leaf.canonical(turns, flip)] = leaf
-        found = larger
-    return {tree.canonical(turns, flip) for tree in found.values()}
+    flip, kinds = len(spins) > 1, [(k,) for k in range(len(counts))]
+    found = [Grid(({},), (0,), kind) for kind in kinds]
+    for _ in range(1, sum(counts)):
+        leaves = (leaf for tree in found for leaf in tree.leaves_added(spins, kinds))
+        allowed = (leaf for leaf in leaves if all(leaf.types.count(k) <= count for k, count in enumerate(counts)))
+        found = [*{leaf.canonical(turns, flip): leaf for leaf in allowed}.values()]
+    return {tree.canonical(turns, flip) for tree in found}
 
 
 COUNTS = [(1, 1), (2, 1), (1, 1, 1), (3, 1), (2, 2), (2, 1, 1)]
@@ -97,7 +48,7 @@ FIVE = [(4, 1), (3, 2), (2, 2, 1)]
 @pytest.mark.parametrize("counts", [*COUNTS, *FIVE])
 def test_aligned_candidates_are_the_classes_of_grown_platforms(counts: tuple[int, ...], symmetry: Symmetry) -> None:
     listed = list(candidates(sum(counts), counts=counts, symmetry=symmetry))
-    found = [platform_of(candidate.topology).canonical(TURNS[symmetry], False) for candidate in listed]
+    found = [grid_of(candidate.topology).canonical(TURNS[symmetry], False) for candidate in listed]
     assert len(set(found)) == len(found) == count(sum(counts), counts=counts, symmetry=symmetry)
     assert set(found) == grown(counts, TURNS[symmetry], (0,))
 
@@ -107,14 +58,14 @@ def test_aligned_candidates_are_the_classes_of_grown_platforms(counts: tuple[int
 )
 def test_any_port_candidates_are_the_classes_of_grown_platforms(counts: tuple[int, ...]) -> None:
     listed = list(candidates(sum(counts), counts=counts, connectors="any"))
-    found = [platform_of(candidate.topology).canonical(TURNS["c4"], True) for candidate in listed]
+    found = [grid_of(candidate.topology).canonical(TURNS["c4"], True) for candidate in listed]
     assert len(set(found)) == len(found) == count(sum(counts), counts=counts, connectors="any")
     assert set(found) == grown(counts, TURNS["c4"], (0, 1))
 
 
 SPACES: list[tuple[Connectors, Root, Symmetry]] = [
-    *(("aligned", root, symmetry) for root in ("free", "paper") for symmetry in TURNS),  # type: ignore[misc]
-    *(("any", root, symmetry) for root in ("free", "paper") for symmetry in ("none", "c2")),  # type: ignore[misc]
+    *(("aligned", root, symmetry) for root in ("free", "paper") for symmetry in TURNS),
+    *(("any", root, symmetry) for root in ("free", "paper") for symmetry in ("none", "c2")),
 ]
 
 
@@ -162,8 +113,8 @@ def test_every_tree_finds_the_candidate_of_its_class(connectors: Connectors) -> 
         for symmetry in TURNS if aligned else ("c2",):
             candidate = candidate_of(topology, symmetry=symmetry, connectors=connectors)
             turns = TURNS[symmetry if aligned else "c4"]
-            found = platform_of(candidate.topology).canonical(turns, not aligned)
-            assert found == platform_of(topology).canonical(turns, not aligned)
+            found = grid_of(candidate.topology).canonical(turns, not aligned)
+            assert found == grid_of(topology).canonical(turns, not aligned)
             assert candidate_of(candidate.topology, symmetry=symmetry, connectors=connectors) == candidate
 
 

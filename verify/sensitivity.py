@@ -18,7 +18,7 @@ them; reserves and air speeds are those of the design as drawn.
 """
 
 import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,6 @@ from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Scene
 from verify.sections import Findings
 from verify.tolerance import Errors, Example, Tolerance, Weakest
-
-AnyModule = TypeVar("AnyModule", bound=Module)
 
 
 class SearchSettings(NamedTuple):
@@ -213,7 +211,7 @@ def deviate(scene: Scene, turns: Array, shifts: Array, *, envelope: float, mount
     return Scene(built, platform(built, poses))
 
 
-def _with_larger_air(module: AnyModule, envelope: float) -> AnyModule:
+def _with_larger_air(module: Module, envelope: float) -> Module:
     larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
     airflow = module.airflow.model_copy(update=larger)
     if (regions := module.region_airflow) is not None:

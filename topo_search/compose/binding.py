@@ -32,7 +32,6 @@ from topo_search.study import Observer, Sampler
 from verify.air.envelope import Unreached, enclose
 
 Item = TypeVar("Item")
-AnyModule = TypeVar("AnyModule", bound=Module)
 
 
 @dataclass(frozen=True)
@@ -252,7 +251,7 @@ def enclose_speed(task: Task) -> Task:
         BadInput: no air of one module is that fast, or the rotors cannot produce the thrust `at`.
     """
 
-    def enclose(module: AnyModule, path: str = "module") -> AnyModule:
+    def enclose(module: Module, path: str = "module") -> Module:
         flow, speed = module.airflow, module.airflow.speed
         if speed is None:
             return module

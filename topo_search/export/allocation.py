@@ -217,7 +217,8 @@ def largest_thrusts(task: ResolvedTask) -> Array:
 
 def thrust_matrix(task: ResolvedTask, poses: Platform) -> Array:
     """Return B_T, shape (6, N) [N and N m per N]."""
-    o, a = poses.rotors[has_rotor(task)], poses.thrust_axes[has_rotor(task)]
+    is_rotor = has_rotor(task)
+    o, a = poses.rotors[is_rotor], poses.thrust_axes[is_rotor]
     drag = np.concatenate(
         [
             module.rotor_table.drags

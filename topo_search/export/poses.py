@@ -52,10 +52,10 @@ def kinds(design: Design) -> list[ModuleKind]:
     if not types:
         return [ModuleKind(design.task.module, "", palette.MODULE, list(range(design.topology.n)), "")]
     return [
-        ModuleKind(
-            kind, kind.name, colour, [i for i, type_ in enumerate(design.topology.types) if type_ == k], f" of {k}"
+        ModuleKind(kind, kind.name, colour, nodes, f" of {k}")
+        for k, (kind, (_, nodes), colour) in enumerate(
+            zip(types, design.task.placed_types, itertools.cycle(palette.TYPES), strict=False)
         )
-        for k, (kind, colour) in enumerate(zip(types, itertools.cycle(palette.TYPES), strict=False))
     ]
 
 

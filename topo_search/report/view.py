@@ -164,12 +164,11 @@ def _throttles(design: Design) -> list[list[list[float]]]:
 
 def _air(design: Design) -> dict[str, Any]:
     """Return the parameters from which the script computes air speeds, besides poses and throttles [m, m/s]."""
-    types = kinds(design)
     return {
-        "of": [next(k for k, kind in enumerate(types) if i in kind.nodes) for i in range(design.topology.n)],
+        "of": list(design.topology.types) or [0] * design.topology.n,
         "types": [
             {"rotors": _jets(kind.module, design.task), "jet": kind.module.airflow.jet.model_dump()}
-            for kind in types
+            for kind in kinds(design)
         ],
         "merged": MODEL.merged_at,
         "merges": MODEL.merges_over,

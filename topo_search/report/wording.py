@@ -53,7 +53,7 @@ def clearance(pair: Clearance) -> str:
 
 
 def closest(audit: Audit | None) -> Clearance | None:
-    """Return the smallest clearance of an audit; None if there is none."""
+    """Return the smallest clearance of an audit, if it has any."""
     return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
 
 

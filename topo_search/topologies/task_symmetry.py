@@ -99,7 +99,8 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration,
     the rod's axis and a fixed p_E onto themselves, and the weight if hover is required. Balls, paths along p_E and
     cones towards the COM allow every isometry. Among several isometries the one closest to a plain reflection is
-    returned. There is none if a module is no mirror image of itself.
+    returned. None exists if a type of module is no mirror image of
+    itself.
     """
     if not all(has_symmetry(module, MIRROR) for module in task.types):
         return None

@@ -36,7 +36,7 @@ Reading = tuple[str, tuple[int, ...]]
 Coloured = tuple[str, Types]
 """Text of a tree, and the types of its modules in the order of the text."""
 Port = tuple[int, int, int]
-"""What is joined to a port: a module, its port, and the parity of the joint."""
+"""Neighbour at a port: module, its own port, and parity of the joint."""
 
 
 class TypedTrees(Family):
